@@ -1,0 +1,345 @@
+//! The line directions Omega_l: the lattice of an octahedron, put on the sphere by an equal-area map.
+//!
+//! In: `k`, so that every edge of the octahedron has `m = 2^k` steps. Out: `l = 2 * 4^k + 1` lines
+//! (antipodes are one line), their quadrature weights, and for any unit vector the three lattice
+//! directions around it with barycentric weights, in constant time, without a search (section 3 of
+//! the paper; the lattice follows Slater 2002 in spirit, the map is Clarberg 2008, "Fast equal-area
+//! mapping of the (hemi)sphere using SIMD").
+//!
+//! The square `[-1, 1]^2` of the map holds the whole sphere: the inner diamond `|x| + |y| <= 1` the
+//! hemisphere `z >= 0`, the four corner triangles the other one. The lattice is the square's grid of
+//! step `1 / m`, so lattices of growing `k` are nested.
+
+use crate::ids::{DirectionId, Sense};
+use glam::{DVec2, DVec3, Vec3};
+use std::f64::consts::{FRAC_PI_4, PI};
+
+/// One of the three directions around a vector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Near {
+    /// The line.
+    pub direction: DirectionId,
+    /// Which way along the line is the way the vector goes.
+    pub sense: Sense,
+    /// Barycentric weight in [0, 1]; the three sum to 1.
+    pub weight: f32,
+}
+
+/// The set Omega_l of line directions.
+#[derive(Clone, Debug)]
+pub struct Directions {
+    /// Steps along an octahedron edge, `2^k`.
+    steps: i32,
+    /// For each point of the square's grid, `(2 m + 1)^2` row by row: the line and its sense.
+    lines: Vec<(u32, Sense)>,
+    /// Unit direction of each line.
+    vectors: Vec<Vec3>,
+    /// Where each line's representative stands in the square's grid.
+    places: Vec<(i32, i32)>,
+    /// Solid angle each line stands for, sr; they sum to `2 pi`.
+    weights: Vec<f32>,
+}
+
+/// The largest number of lines that a set may have: 2 * 4^9 + 1.
+pub const MOST_LINES: u32 = 524_289;
+
+impl Directions {
+    /// The lattice with `2^k` steps along each edge of the octahedron: `2 * 4^k + 1` lines.
+    ///
+    /// # Panics
+    /// When `k > 9`; see [`Directions::with_lines`] for counts that come from outside.
+    pub fn new(k: u32) -> Directions {
+        assert!(k <= 9, "k = {k} gives more than {MOST_LINES} lines");
+        let steps = 1i32 << k;
+        let side = 2 * steps + 1;
+        let mut set = Directions {
+            steps,
+            lines: vec![(u32::MAX, Sense::Along); (side * side) as usize],
+            vectors: Vec::new(),
+            places: Vec::new(),
+            weights: Vec::new(),
+        };
+        // The representative of a line is its first grid point in row order of the upper hemisphere;
+        // on the equator two grid points or more may name one line.
+        for y in -steps..=steps {
+            for x in -steps..=steps {
+                if x.abs() + y.abs() > steps || set.lines[set.slot(x, y)].0 != u32::MAX {
+                    continue;
+                }
+                let id = set.vectors.len() as u32;
+                let (ax, ay) = antipode(x, y, steps);
+                for (gx, gy) in same_point(x, y, steps) {
+                    let at = set.slot(gx, gy);
+                    set.lines[at] = (id, Sense::Along);
+                }
+                for (gx, gy) in same_point(ax, ay, steps) {
+                    let at = set.slot(gx, gy);
+                    set.lines[at] = (id, Sense::Against);
+                }
+                let unit =
+                    square_to_sphere(DVec2::new(f64::from(x), f64::from(y)) / f64::from(steps));
+                set.vectors.push(unit.as_vec3());
+                set.places.push((x, y));
+                // The integral of the line's barycentric hat: a third of each triangle that meets
+                // there. Six triangles meet at a lattice point, four at a corner of the octahedron.
+                let corner = (x == 0 || x.abs() == steps) && (y == 0 || y.abs() == steps);
+                let triangles = if corner { 4.0 } else { 6.0 };
+                let triangle = 4.0 * PI / (8.0 * f64::from(steps) * f64::from(steps));
+                set.weights.push((triangles / 3.0 * triangle) as f32);
+            }
+        }
+        set
+    }
+
+    /// The lattice with exactly `lines` lines, if there is one: 3, 9, 33, 129, 513, 2049, 8193, ...
+    pub fn with_lines(lines: u32) -> Option<Directions> {
+        (0..=9).find(|k| 2 * 4u32.pow(*k) + 1 == lines).map(Directions::new)
+    }
+
+    /// The number of lines `l`.
+    pub fn len(&self) -> usize {
+        self.vectors.len()
+    }
+
+    /// Never: the coarsest lattice has three lines.
+    pub fn is_empty(&self) -> bool {
+        self.vectors.is_empty()
+    }
+
+    /// All ids in order.
+    pub fn ids(&self) -> impl Iterator<Item = DirectionId> + use<> {
+        (0..self.len() as u32).map(DirectionId)
+    }
+
+    /// Unit vector of a line.
+    pub fn vector(&self, id: DirectionId) -> Vec3 {
+        self.vectors[id.index()]
+    }
+
+    /// Solid angle a line stands for, in sr, one way; the weights of all lines sum to `2 pi`.
+    pub fn weight(&self, id: DirectionId) -> f32 {
+        self.weights[id.index()]
+    }
+
+    /// The unit vector at `offset` lattice steps from a line, each component in [-1/2, 1/2]: a
+    /// sample of the line's own solid angle (section 5, perturbation). Over all lines the boxes of
+    /// one step tile the sphere of lines once, with equal area.
+    pub fn perturbed(&self, id: DirectionId, offset: DVec2) -> Vec3 {
+        let (x, y) = self.places[id.index()];
+        let p = (DVec2::new(f64::from(x), f64::from(y)) + offset) / f64::from(self.steps);
+        square_to_sphere(fold(p)).as_vec3()
+    }
+
+    /// The three lattice directions around `unit` and their barycentric weights. Constant time;
+    /// continuous over the whole sphere, across the equator too, where a neighbour may be the
+    /// antipode of a line's representative ([`Sense::Against`]).
+    pub fn nearest_three(&self, unit: Vec3) -> [Near; 3] {
+        let q = sphere_to_square(unit.as_dvec3()) * f64::from(self.steps);
+        let most = f64::from(self.steps - 1);
+        let x0 = q.x.floor().clamp(-most - 1.0, most);
+        let y0 = q.y.floor().clamp(-most - 1.0, most);
+        let (fx, fy) = ((q.x - x0).clamp(0.0, 1.0), (q.y - y0).clamp(0.0, 1.0));
+        let (x, y) = (x0 as i32, y0 as i32);
+        // A square of the grid is cut along the diagonal that runs like the octahedron's edge of
+        // its quadrant: falling where x y > 0, rising where x y < 0.
+        let falling = (x >= 0) == (y >= 0);
+        let corners = match (falling, fx + fy <= 1.0, fx >= fy) {
+            (true, true, _) => [(x, y, 1.0 - fx - fy), (x + 1, y, fx), (x, y + 1, fy)],
+            (true, false, _) => {
+                [(x + 1, y + 1, fx + fy - 1.0), (x + 1, y, 1.0 - fy), (x, y + 1, 1.0 - fx)]
+            }
+            (false, _, true) => [(x, y, 1.0 - fx), (x + 1, y, fx - fy), (x + 1, y + 1, fy)],
+            (false, _, false) => [(x, y, 1.0 - fy), (x, y + 1, fy - fx), (x + 1, y + 1, fx)],
+        };
+        corners.map(|(gx, gy, weight)| {
+            let (line, sense) = self.lines[self.slot(gx, gy)];
+            Near { direction: DirectionId(line), sense, weight: weight as f32 }
+        })
+    }
+
+    fn slot(&self, x: i32, y: i32) -> usize {
+        let side = 2 * self.steps + 1;
+        ((y + self.steps) * side + x + self.steps) as usize
+    }
+}
+
+/// The grid point of the antipode. Antipodal points of the square trade their coordinates: the
+/// triangle of an octant is carried onto the opposite octant's, which lies folded out of the diamond.
+fn antipode(x: i32, y: i32, m: i32) -> (i32, i32) {
+    let away = |v: i32| if v >= 0 { -1 } else { 1 };
+    ((m - y.abs()) * away(x), (m - x.abs()) * away(y))
+}
+
+/// All grid points that name the same point of the sphere: one inside the square, two on its border
+/// (mirrored about the border's middle), four at its corners.
+fn same_point(x: i32, y: i32, m: i32) -> impl Iterator<Item = (i32, i32)> {
+    let mut all = vec![(x, y)];
+    if x.abs() == m {
+        all.push((x, -y));
+    }
+    if y.abs() == m {
+        all.push((-x, y));
+    }
+    if x.abs() == m && y.abs() == m {
+        all.push((-x, -y));
+    }
+    all.into_iter()
+}
+
+/// Brings a point that left the square back in, over the border it left by.
+fn fold(p: DVec2) -> DVec2 {
+    let mut p = p;
+    if p.x.abs() > 1.0 {
+        p = DVec2::new((2.0 - p.x.abs()).copysign(p.x), -p.y);
+    }
+    if p.y.abs() > 1.0 {
+        p = DVec2::new(-p.x, (2.0 - p.y.abs()).copysign(p.y));
+    }
+    p
+}
+
+/// Equal-area map from the square `[-1, 1]^2` to the unit sphere (Clarberg 2008).
+pub fn square_to_sphere(p: DVec2) -> DVec3 {
+    let (u, v) = (p.x.abs(), p.y.abs());
+    // Signed distance from the diamond, positive inside: the hemisphere z >= 0.
+    let inside = 1.0 - (u + v);
+    let r = 1.0 - inside.abs();
+    let phi = if r == 0.0 { FRAC_PI_4 } else { ((v - u) / r + 1.0) * FRAC_PI_4 };
+    let z = (1.0 - r * r).copysign(inside);
+    let (sin, cos) = phi.sin_cos();
+    let flat = r * (2.0 - r * r).sqrt();
+    DVec3::new((cos * flat).copysign(p.x), (sin * flat).copysign(p.y), z)
+}
+
+/// The inverse of [`square_to_sphere`].
+pub fn sphere_to_square(d: DVec3) -> DVec2 {
+    let (x, y, z) = (d.x.abs(), d.y.abs(), d.z.abs().min(1.0));
+    let r = (1.0 - z).sqrt();
+    let phi = if x == 0.0 && y == 0.0 { 0.0 } else { y.atan2(x) / (0.5 * PI) };
+    let (mut u, mut v) = (r - phi * r, phi * r);
+    if d.z < 0.0 {
+        (u, v) = (1.0 - v, 1.0 - u);
+    }
+    DVec2::new(u.copysign(d.x), v.copysign(d.y))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn counts_are_the_papers() {
+        let counts: Vec<usize> = (1..=6).map(|k| Directions::new(k).len()).collect();
+        assert_eq!(counts, [9, 33, 129, 513, 2049, 8193]);
+        assert!(Directions::with_lines(2048).is_none());
+    }
+
+    #[test]
+    fn weights_sum_to_the_hemisphere() {
+        for k in 0..=6 {
+            let set = Directions::new(k);
+            let sum: f64 = set.ids().map(|d| f64::from(set.weight(d))).sum();
+            assert!((sum - 2.0 * PI).abs() < 1e-4, "k {k}: {sum}");
+        }
+    }
+
+    #[test]
+    fn cosine_moment_of_any_normal_is_pi() {
+        let set = Directions::new(5);
+        for place in 0..400 {
+            let p = DVec2::new(f64::from(place % 20), f64::from(place / 20)) / 9.5 - 1.0;
+            let n = square_to_sphere(p).as_vec3();
+            let moment: f64 =
+                set.ids().map(|d| f64::from(set.weight(d) * set.vector(d).dot(n).abs())).sum();
+            assert!((moment - PI).abs() < 1e-3 * PI, "normal {n}: {moment}");
+        }
+    }
+
+    #[test]
+    fn every_grid_point_has_a_line_and_antipodes_share_it() {
+        for k in 0..=4 {
+            let set = Directions::new(k);
+            assert!(set.lines.iter().all(|(line, _)| (*line as usize) < set.len()));
+            let m = set.steps;
+            for y in -m..=m {
+                for x in -m..=m {
+                    let unit =
+                        square_to_sphere(DVec2::new(f64::from(x), f64::from(y)) / f64::from(m));
+                    let (line, sense) = set.lines[set.slot(x, y)];
+                    let named = set.vectors[line as usize] * sense.sign();
+                    assert!(
+                        named.distance(unit.as_vec3()) < 1e-5,
+                        "k {k} ({x}, {y}): {named} {unit}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn perturbed_directions_stay_near_and_tile_the_lines() {
+        // The mean of |d . n| over jittered lines is 1/2 for any n, as over the whole sphere.
+        let set = Directions::new(4);
+        let mut mean = 0.0f64;
+        let mut count = 0.0;
+        for d in set.ids() {
+            for s in 0..16 {
+                let offset = DVec2::new(f64::from(s % 4), f64::from(s / 4)) / 4.0 - 0.375;
+                let unit = set.perturbed(d, offset);
+                assert!(unit.dot(set.vector(d)) > 0.97);
+                let w = f64::from(set.weight(d));
+                mean += w * f64::from(unit.dot(Vec3::new(0.48, 0.6, 0.64)).abs());
+                count += w;
+            }
+        }
+        assert!((mean / count - 0.5).abs() < 2e-3, "{}", mean / count);
+    }
+
+    fn unit_vector() -> impl Strategy<Value = Vec3> {
+        (-1.0f32..1.0, -1.0f32..1.0, -1.0f32..1.0)
+            .prop_filter("not zero", |(x, y, z)| x * x + y * y + z * z > 1e-3)
+            .prop_map(|(x, y, z)| Vec3::new(x, y, z).normalize())
+    }
+
+    proptest! {
+        #[test]
+        fn square_and_sphere_are_inverse(x in -1.0f64..1.0, y in -1.0f64..1.0) {
+            let d = square_to_sphere(DVec2::new(x, y));
+            prop_assert!((d.length() - 1.0).abs() < 1e-12);
+            prop_assert!(square_to_sphere(sphere_to_square(d)).distance(d) < 1e-9);
+        }
+
+        #[test]
+        fn nearest_three_surround_the_vector(unit in unit_vector(), k in 1u32..6) {
+            let set = Directions::new(k);
+            let near = set.nearest_three(unit);
+            let sum: f32 = near.iter().map(|n| n.weight).sum();
+            prop_assert!((sum - 1.0).abs() < 1e-5);
+            // The map stretches a lattice step to at most 3 / m.
+            let spacing = 3.0 / (1 << k) as f32;
+            let mut blend = Vec3::ZERO;
+            for n in near {
+                prop_assert!(n.weight >= 0.0);
+                let v = set.vector(n.direction) * n.sense.sign();
+                prop_assert!(v.distance(unit) < spacing, "{v} is far from {unit}");
+                blend += v * n.weight;
+            }
+            // Barycentric weights reproduce the vector up to the map's curvature.
+            prop_assert!(blend.normalize().distance(unit) < 0.35 * spacing);
+        }
+
+        #[test]
+        fn nearest_three_are_continuous(unit in unit_vector(), step in unit_vector()) {
+            let set = Directions::new(3);
+            let near_by = (unit + step * 1e-4).normalize();
+            let total = |v: Vec3| {
+                set.nearest_three(v).iter().map(|n| {
+                    let w = set.vector(n.direction) * n.sense.sign();
+                    w * n.weight
+                }).sum::<Vec3>()
+            };
+            prop_assert!(total(unit).distance(total(near_by)) < 2e-2);
+        }
+    }
+}

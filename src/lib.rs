@@ -1,0 +1,18 @@
+//! Bakes the global illumination of a scene into a *virtual light field* and looks it up.
+
+pub mod radiance;
+
+pub mod ids;
+
+pub mod directions;
+
+pub mod psf;
+
+pub mod scene;
+
+pub use directions::Directions;
+pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SurfaceId, TileId};
+pub use psf::Psf;
+pub use radiance::Rgb;
+pub use scene::Scene;
+pub use scene::camera::Camera;

@@ -1,0 +1,114 @@
+//! Where the texture maps P^C, P^N and P^T live: a lattice of square texels over each diffuse surface.
+//!
+//! In: the scene and the texels' edge. Out: for every surface the size of its lattice and the number
+//! of its first texel, so that one flat array holds the maps of all surfaces. Each texel has two
+//! values, one a side: value `2 * texel + side`. Mirrors have no texture map; they take one texel
+//! each, at the end, so that a fragment of any surface can be named by a texel number.
+
+use crate::ids::{Side, SurfaceId};
+use crate::radiance::Rgb;
+use crate::scene::{Scene, Surface};
+use glam::{Vec2, Vec3};
+
+/// The lattice of one surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lattice {
+    /// Number of the first texel; texels run row by row along the surface's `u`.
+    pub first: u32,
+    /// Texels along `u`.
+    pub width: u32,
+    /// Texels along `v`.
+    pub height: u32,
+    /// Texels per unit length along `u` and `v`: `width / extent.x`, `height / extent.y`.
+    pub density: Vec2,
+}
+
+/// The lattices of all surfaces.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texels {
+    /// One lattice a surface.
+    pub lattices: Vec<Lattice>,
+    /// For each texel its surface.
+    pub surface_of: Vec<u32>,
+    /// Texels below this number belong to diffuse surfaces, the others are mirrors, one each.
+    pub diffuse: u32,
+}
+
+impl Texels {
+    /// Lays texels of about `edge` (in the fitted scene's units) over every diffuse surface. A
+    /// lattice divides its surface's bounding rectangle evenly, so that it ends where the surface ends.
+    pub fn new(scene: &Scene, edge: f32) -> Texels {
+        let mut lattices = vec![
+            Lattice { first: 0, width: 1, height: 1, density: Vec2::ONE };
+            scene.surfaces.len()
+        ];
+        let mut surface_of = Vec::new();
+        for mirrors in [false, true] {
+            for id in scene.surface_ids() {
+                if scene.material_of(id).reflectance.is_mirror() != mirrors {
+                    continue;
+                }
+                let surface = scene.surface(id);
+                let lattice = &mut lattices[id.index()];
+                lattice.first = surface_of.len() as u32;
+                if !mirrors {
+                    let count = (surface.extent / edge).round().max(Vec2::ONE);
+                    (lattice.width, lattice.height) = (count.x as u32, count.y as u32);
+                }
+                let count = Vec2::new(lattice.width as f32, lattice.height as f32);
+                lattice.density = count / surface.extent.max(Vec2::splat(f32::MIN_POSITIVE));
+                let texels = lattice.width as usize * lattice.height as usize;
+                surface_of.resize(surface_of.len() + texels, id.0);
+            }
+        }
+        let is_diffuse = |s: &u32| !scene.material_of(SurfaceId(*s)).reflectance.is_mirror();
+        let diffuse = surface_of.partition_point(is_diffuse) as u32;
+        Texels { lattices, surface_of, diffuse }
+    }
+
+    /// Number of texels, mirrors' included; there are twice as many values.
+    pub fn len(&self) -> usize {
+        self.surface_of.len()
+    }
+
+    /// Whether the scene has no surface at all.
+    pub fn is_empty(&self) -> bool {
+        self.surface_of.is_empty()
+    }
+
+    /// The texel of a surface that holds a point of its plane; points outside go to the nearest.
+    pub fn at(&self, id: SurfaceId, surface: &Surface, point: Vec3) -> u32 {
+        let lattice = self.lattices[id.index()];
+        let p = surface.coordinates(point) * lattice.density;
+        let column = (p.x.max(0.0) as u32).min(lattice.width - 1);
+        let row = (p.y.max(0.0) as u32).min(lattice.height - 1);
+        lattice.first + row * lattice.width + column
+    }
+}
+
+/// Radiance leaving side `side` of a diffuse surface at a point of its plane, from a texture map of
+/// [`Texels::len`] texels and two values each: bilinear between texel middles, constant beyond the
+/// outermost ones. W sr^-1 m^-2.
+pub fn sample(
+    texels: &Texels,
+    values: &[Rgb],
+    id: SurfaceId,
+    surface: &Surface,
+    side: Side,
+    point: Vec3,
+) -> Rgb {
+    let lattice = texels.lattices[id.index()];
+    let last = Vec2::new((lattice.width - 1) as f32, (lattice.height - 1) as f32);
+    let p = (surface.coordinates(point) * lattice.density - 0.5).clamp(Vec2::ZERO, last);
+    let (column, row) = (p.x as u32, p.y as u32);
+    let f = p - p.floor();
+    let right = (column + 1).min(lattice.width - 1);
+    let below = (row + 1).min(lattice.height - 1);
+    let value = |c: u32, r: u32| {
+        let texel = (lattice.first + r * lattice.width + c) as usize;
+        values[2 * texel + side.index()]
+    };
+    let upper = value(column, row) * (1.0 - f.x) + value(right, row) * f.x;
+    let lower = value(column, below) * (1.0 - f.x) + value(right, below) * f.x;
+    upper * (1.0 - f.y) + lower * f.y
+}
