@@ -36,8 +36,8 @@ pub struct Directions {
     vectors: Vec<Vec3>,
     /// Where each line's representative stands in the square's grid.
     places: Vec<(i32, i32)>,
-    /// Solid angle each line stands for, sr; they sum to `2 pi`.
-    weights: Vec<f32>,
+    /// Shares of [`Directions::share`] each line stands for: 3, or 2 at a corner of the octahedron.
+    shares: Vec<u8>,
 }
 
 /// The largest number of lines that a set may have: 2 * 4^9 + 1.
@@ -57,7 +57,7 @@ impl Directions {
             lines: vec![(u32::MAX, Sense::Along); (side * side) as usize],
             vectors: Vec::new(),
             places: Vec::new(),
-            weights: Vec::new(),
+            shares: Vec::new(),
         };
         // The representative of a line is its first grid point in row order of the upper hemisphere;
         // on the equator two grid points or more may name one line.
@@ -83,9 +83,7 @@ impl Directions {
                 // The integral of the line's barycentric hat: a third of each triangle that meets
                 // there. Six triangles meet at a lattice point, four at a corner of the octahedron.
                 let corner = (x == 0 || x.abs() == steps) && (y == 0 || y.abs() == steps);
-                let triangles = if corner { 4.0 } else { 6.0 };
-                let triangle = 4.0 * PI / (8.0 * f64::from(steps) * f64::from(steps));
-                set.weights.push((triangles / 3.0 * triangle) as f32);
+                set.shares.push(if corner { 2 } else { 3 });
             }
         }
         set
@@ -118,7 +116,17 @@ impl Directions {
 
     /// Solid angle a line stands for, in sr, one way; the weights of all lines sum to `2 pi`.
     pub fn weight(&self, id: DirectionId) -> f32 {
-        self.weights[id.index()]
+        (f64::from(self.shares[id.index()]) * self.share()) as f32
+    }
+
+    /// The weight of a line in whole shares, so that weighted sums can be exact.
+    pub fn shares(&self, id: DirectionId) -> u8 {
+        self.shares[id.index()]
+    }
+
+    /// Solid angle of one share, sr: two thirds of a lattice triangle.
+    pub fn share(&self) -> f64 {
+        2.0 / 3.0 * 4.0 * PI / (8.0 * f64::from(self.steps) * f64::from(self.steps))
     }
 
     /// The unit vector at `offset` lattice steps from a line, each component in [-1/2, 1/2]: a

@@ -8,7 +8,13 @@ pub mod directions;
 
 pub mod psf;
 
+pub mod format;
+
 pub mod scene;
+
+pub mod gather;
+
+pub mod field;
 
 pub use directions::Directions;
 pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SurfaceId, TileId};

@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 
 pub mod camera;
 
+pub mod stored;
+
 pub mod texels;
 
 /// A resolved scene, fitted to the unit ball about the origin.

@@ -5,6 +5,8 @@
 //! values, one a side: value `2 * texel + side`. Mirrors have no texture map; they take one texel
 //! each, at the end, so that a fragment of any surface can be named by a texel number.
 
+use crate::format::Fault;
+use crate::format::bytes::{Reader, Writer};
 use crate::ids::{Side, SurfaceId};
 use crate::radiance::Rgb;
 use crate::scene::{Scene, Surface};
@@ -84,6 +86,34 @@ impl Texels {
         let row = (p.y.max(0.0) as u32).min(lattice.height - 1);
         lattice.first + row * lattice.width + column
     }
+}
+
+/// The bytes of a texture map: three f32 a value.
+pub fn to_bytes(values: &[Rgb]) -> Vec<u8> {
+    let mut w = Writer(Vec::with_capacity(12 * values.len()));
+    values.iter().flat_map(|v| v.0).for_each(|c| w.f32(c));
+    w.0
+}
+
+/// The texture map of `count` values that bytes hold.
+///
+/// # Errors
+/// When the bytes are of another length, or a radiance is negative or not finite.
+pub fn from_bytes(bytes: &[u8], count: usize) -> Result<Vec<Rgb>, Fault> {
+    if bytes.len() != 12 * count {
+        let has = bytes.len();
+        return Err(Fault::invalid(format!("texture map: {has} bytes for {count} values")));
+    }
+    let mut r = Reader::new(bytes);
+    let mut values = Vec::with_capacity(count);
+    for _ in 0..count {
+        let value = Rgb([r.f32()?, r.f32()?, r.f32()?]);
+        if !value.is_physical() {
+            return Err(Fault::invalid("texture map: a radiance is negative or not finite"));
+        }
+        values.push(value);
+    }
+    Ok(values)
 }
 
 /// Radiance leaving side `side` of a diffuse surface at a point of its plane, from a texture map of

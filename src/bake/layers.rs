@@ -1,0 +1,327 @@
+//! Layers: every surface on every ray of a PSF, in order of depth, by rasterisation (section 3).
+//!
+//! In: the scene's outlines and a PSF. Out: for each cell a list of fragments sorted by depth, as in
+//! a layered depth image (Shade et al. 1998). Each fragment carries the texel it lies in, found while
+//! its span is filled. A cell holds a polygon when its middle lies inside; rows and spans are half
+//! open, so that polygons that share an edge share no cell and leave none out. O(fragments).
+
+use crate::psf::Psf;
+use crate::scene::Scene;
+use crate::scene::texels::Texels;
+use glam::Vec3;
+
+/// Surfaces whose normal is closer to perpendicular to the direction than this are edge-on.
+const EDGE_ON: f32 = 1e-5;
+
+/// A surface on a ray. Ordered by depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Fragment(u64);
+
+impl Fragment {
+    fn new(depth: f32, texel: u32, faces_along: bool) -> Fragment {
+        // Depth in [-1, 1]; with 2 added it is positive, and positive floats order as their bits do.
+        let key = u64::from((depth + 2.0).to_bits()) << 32;
+        Fragment(key | u64::from(texel << 1 | u32::from(faces_along)))
+    }
+
+    /// Depth along the PSF's direction, in the fitted scene's units.
+    pub fn depth(self) -> f32 {
+        f32::from_bits((self.0 >> 32) as u32) - 2.0
+    }
+
+    /// The texel it lies in; of a mirror, the mirror's own number.
+    pub fn texel(self) -> u32 {
+        self.0 as u32 >> 1
+    }
+
+    /// Whether the surface's normal points along the direction.
+    pub fn faces_along(self) -> bool {
+        self.0 & 1 == 1
+    }
+
+    /// The texture value of the side that faces along the direction: `2 texel + side`.
+    pub fn value_along(self) -> usize {
+        (self.0 as u32 ^ 1) as usize
+    }
+
+    /// The texture value of the side that faces against the direction.
+    pub fn value_against(self) -> usize {
+        self.0 as u32 as usize
+    }
+}
+
+/// The scene's polygons laid out for rasterising; made once.
+pub struct Outlines {
+    surfaces: Vec<Plane>,
+    polygons: Vec<Outline>,
+    vertices: Vec<Vec3>,
+}
+
+/// Where a surface lies and how its texels lie on it.
+struct Plane {
+    normal: Vec3,
+    distance: f32,
+    origin: Vec3,
+    /// `u` and `v` in texels per unit length.
+    texel_u: Vec3,
+    texel_v: Vec3,
+    first: u32,
+    width: u32,
+    height: u32,
+    polygons: (u32, u32),
+}
+
+struct Outline {
+    vertices: (u32, u32),
+}
+
+impl Outlines {
+    /// Lays the scene's polygons out.
+    pub fn new(scene: &Scene, texels: &Texels) -> Outlines {
+        let mut out = Outlines { surfaces: Vec::new(), polygons: Vec::new(), vertices: Vec::new() };
+        for (surface, lattice) in scene.surfaces.iter().zip(&texels.lattices) {
+            let from = out.polygons.len() as u32;
+            for polygon in &surface.polygons {
+                let first = out.vertices.len() as u32;
+                out.vertices.extend(&polygon.vertices);
+                out.polygons.push(Outline { vertices: (first, out.vertices.len() as u32) });
+            }
+            out.surfaces.push(Plane {
+                normal: surface.normal,
+                distance: surface.normal.dot(surface.origin),
+                origin: surface.origin,
+                texel_u: surface.u * lattice.density.x,
+                texel_v: surface.v * lattice.density.y,
+                first: lattice.first,
+                width: lattice.width,
+                height: lattice.height,
+                polygons: (from, out.polygons.len() as u32),
+            });
+        }
+        out
+    }
+}
+
+/// A function of column and row: `at_origin + x * per_column + y * per_row`.
+#[derive(Clone, Copy)]
+struct Affine {
+    at_origin: f32,
+    per_column: f32,
+    per_row: f32,
+}
+
+/// How a surface's fragments vary over the cells of a PSF.
+struct Gradients {
+    depth: Affine,
+    column: Affine,
+    row: Affine,
+    last_column: f32,
+    last_row: f32,
+    first: u32,
+    width: u32,
+    faces_along: bool,
+}
+
+impl Gradients {
+    fn new(plane: &Plane, psf: &Psf) -> Option<Gradients> {
+        let cosine = plane.normal.dot(psf.direction);
+        if cosine.abs() < EDGE_ON {
+            return None;
+        }
+        // On the plane: n . (right X + up Y + direction Z) = distance, with X, Y affine in the cell.
+        let edge = psf.cell_edge();
+        let (x0, y0) = (-psf.shift.x * edge - 1.0, -psf.shift.y * edge - 1.0);
+        let zx = -plane.normal.dot(psf.right) / cosine;
+        let zy = -plane.normal.dot(psf.up) / cosine;
+        let z0 = plane.distance / cosine + zx * x0 + zy * y0;
+        let depth = Affine { at_origin: z0, per_column: zx * edge, per_row: zy * edge };
+        let origin = psf.right * x0 + psf.up * y0 + psf.direction * z0 - plane.origin;
+        let along_column = psf.right * edge + psf.direction * depth.per_column;
+        let along_row = psf.up * edge + psf.direction * depth.per_row;
+        let texel = |axis: Vec3| Affine {
+            at_origin: origin.dot(axis),
+            per_column: along_column.dot(axis),
+            per_row: along_row.dot(axis),
+        };
+        Some(Gradients {
+            depth,
+            column: texel(plane.texel_u),
+            row: texel(plane.texel_v),
+            last_column: (plane.width - 1) as f32,
+            last_row: (plane.height - 1) as f32,
+            first: plane.first,
+            width: plane.width,
+            faces_along: cosine > 0.0,
+        })
+    }
+}
+
+impl Affine {
+    fn in_row(self, y: f32) -> f32 {
+        self.at_origin + y * self.per_row
+    }
+}
+
+/// A run of cells of one row inside one polygon.
+struct Span {
+    row: u32,
+    from: u32,
+    to: u32,
+    gradients: u32,
+    depths: (f32, f32),
+}
+
+/// Every surface on every ray of one PSF. Reused from direction to direction.
+#[derive(Default)]
+pub struct Layers {
+    resolution: u32,
+    /// For each cell, row by row, its first fragment; one more at the end.
+    first: Vec<u32>,
+    fragments: Vec<Fragment>,
+    projected: Vec<Vec3>,
+    gradients: Vec<Gradients>,
+    spans: Vec<Span>,
+    crossings: Vec<f32>,
+}
+
+impl Layers {
+    /// Rasterises all surfaces along a PSF.
+    pub fn rasterise(&mut self, outlines: &Outlines, psf: &Psf) {
+        let n = psf.resolution;
+        self.resolution = n;
+        self.projected.clear();
+        self.projected.extend(outlines.vertices.iter().map(|v| psf.project(*v)));
+        self.gradients.clear();
+        self.spans.clear();
+        for plane in &outlines.surfaces {
+            let Some(gradients) = Gradients::new(plane, psf) else { continue };
+            self.gradients.push(gradients);
+            for polygon in &outlines.polygons[plane.polygons.0 as usize..plane.polygons.1 as usize]
+            {
+                self.span_polygon(polygon, n);
+            }
+        }
+        self.fill(n);
+        for cell in 0..(n * n) as usize {
+            let (from, to) = (self.first[cell] as usize, self.first[cell + 1] as usize);
+            sort_few(&mut self.fragments[from..to]);
+        }
+    }
+
+    /// Finds a polygon's spans, row by row, even-odd.
+    fn span_polygon(&mut self, polygon: &Outline, n: u32) {
+        let loop_ = &self.projected[polygon.vertices.0 as usize..polygon.vertices.1 as usize];
+        let (mut low, mut high) = (loop_[0], loop_[0]);
+        for v in loop_ {
+            low = low.min(*v);
+            high = high.max(*v);
+        }
+        let (from_row, to_row) = cells_between(low.y, high.y, n);
+        for row in from_row..to_row {
+            let y = row as f32 + 0.5;
+            self.crossings.clear();
+            let mut a = loop_[loop_.len() - 1];
+            for &b in loop_ {
+                if (a.y <= y) != (b.y <= y) {
+                    // From the lower end, so that both polygons of an edge find the same crossing.
+                    let (p, q) = if (a.y, a.x) <= (b.y, b.x) { (a, b) } else { (b, a) };
+                    self.crossings.push(p.x + (y - p.y) * ((q.x - p.x) / (q.y - p.y)));
+                }
+                a = b;
+            }
+            if self.crossings.len() > 2 {
+                self.crossings.sort_unstable_by(f32::total_cmp);
+            }
+            for pair in self.crossings.chunks_exact(2) {
+                let (left, right) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+                let (from, to) = cells_between(left, right, n);
+                if from < to {
+                    let gradients = (self.gradients.len() - 1) as u32;
+                    self.spans.push(Span { row, from, to, gradients, depths: (low.z, high.z) });
+                }
+            }
+        }
+    }
+
+    /// Turns spans into fragments by a counting sort over cells.
+    fn fill(&mut self, n: u32) {
+        let cells = (n * n) as usize;
+        self.first.clear();
+        self.first.resize(cells + 1, 0);
+        for span in &self.spans {
+            let row = (span.row * n) as usize;
+            for count in &mut self.first[row + span.from as usize..row + span.to as usize] {
+                *count += 1;
+            }
+        }
+        // Each entry becomes the end of its cell; filling moves it back to the beginning.
+        let mut total = 0;
+        for count in &mut self.first {
+            total += *count;
+            *count = total;
+        }
+        self.fragments.clear();
+        self.fragments.resize(total as usize, Fragment(0));
+        for span in &self.spans {
+            let g = &self.gradients[span.gradients as usize];
+            let y = span.row as f32 + 0.5;
+            let (depth, column, row) = (g.depth.in_row(y), g.column.in_row(y), g.row.in_row(y));
+            let first = (span.row * n + span.from) as usize;
+            let slots = &mut self.first[first..first + (span.to - span.from) as usize];
+            for (k, slot) in slots.iter_mut().enumerate() {
+                let x = (span.from + k as u32) as f32 + 0.5;
+                // Near edge-on planes the plane's own depth is too steep to be trusted beyond the
+                // polygon's.
+                let z = (depth + x * g.depth.per_column).clamp(span.depths.0, span.depths.1);
+                let c = (column + x * g.column.per_column).clamp(0.0, g.last_column) as u32;
+                let r = (row + x * g.row.per_column).clamp(0.0, g.last_row) as u32;
+                *slot -= 1;
+                self.fragments[*slot as usize] =
+                    Fragment::new(z, g.first + r * g.width + c, g.faces_along);
+            }
+        }
+    }
+
+    /// Cells along an edge.
+    pub fn resolution(&self) -> u32 {
+        self.resolution
+    }
+
+    /// The fragments of the cell in column `i`, row `j`, nearest along the direction first.
+    pub fn cell(&self, i: u32, j: u32) -> &[Fragment] {
+        let at = (j * self.resolution + i) as usize;
+        &self.fragments[self.first[at] as usize..self.first[at + 1] as usize]
+    }
+
+    /// Number of fragments over all cells.
+    pub fn len(&self) -> usize {
+        self.fragments.len()
+    }
+
+    /// Whether no surface was met.
+    pub fn is_empty(&self) -> bool {
+        self.fragments.is_empty()
+    }
+}
+
+/// Columns (or rows) whose middle lies in `[low, high)`, inside the grid.
+fn cells_between(low: f32, high: f32, n: u32) -> (u32, u32) {
+    let first = |v: f32| (v - 0.5).ceil().clamp(0.0, n as f32) as u32;
+    (first(low), first(high))
+}
+
+/// Insertion sort: most cells hold a handful.
+fn sort_few(fragments: &mut [Fragment]) {
+    if fragments.len() > 24 {
+        return fragments.sort_unstable();
+    }
+    for i in 1..fragments.len() {
+        let item = fragments[i];
+        let mut k = i;
+        while k > 0 && fragments[k - 1] > item {
+            fragments[k] = fragments[k - 1];
+            k -= 1;
+        }
+        fragments[k] = item;
+    }
+}

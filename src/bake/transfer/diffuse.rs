@@ -1,0 +1,153 @@
+//! Diffuse surface as receiver (section 4.2): from sums over lines to the Next Texture Map.
+//!
+//! Self-normalised sampling: a texel's irradiance is pi times the mean radiance over the lines that
+//! strike it, each weighted by its solid angle; lines meet a texel in proportion to its projected
+//! area, so the cosine is in their number. Where every line brings the same radiance the result is
+//! exact (a furnace stays a furnace), however few they are.
+
+use super::{Fixed, Quantum};
+use crate::ids::SurfaceId;
+use crate::radiance::Rgb;
+use crate::scene::Scene;
+use crate::scene::texels::{Lattice, Texels};
+
+/// A texel struck by fewer than this part of the lines that a whole texel would meet leans on its
+/// neighbours: it lies mostly outside its polygon or in contact with another.
+const FAITHFUL: f32 = 0.25;
+
+/// P^N from the sums of a cycle, two values a texel, W sr^-1 m^-2. `lines` is what a whole texel of
+/// unit area would have in the fourth channel of its sum.
+pub fn next_textures(
+    scene: &Scene,
+    texels: &Texels,
+    sums: &[Fixed],
+    (quantum, lines, one_sided): (Quantum, f64, bool),
+) -> Vec<Rgb> {
+    let mut next = vec![Rgb::BLACK; 2 * texels.len()];
+    for id in scene.surface_ids() {
+        let lattice = &texels.lattices[id.index()];
+        let sides = if one_sided { 1 } else { 2 };
+        for side in 0..sides {
+            let rho = diffuse_factor(scene, id);
+            let per_texel = 1.0 / f64::from(lattice.density.x * lattice.density.y);
+            let expected = (lines * per_texel) as f32;
+            if rho.is_black() || !one_side(lattice, side, sums, quantum, expected, &mut next) {
+                continue;
+            }
+            for texel in texel_range(lattice) {
+                let value = &mut next[2 * texel + side];
+                *value = *value * rho;
+            }
+        }
+    }
+    next
+}
+
+/// Diffuse reflectance of a surface; mirrors have none.
+pub fn diffuse_factor(scene: &Scene, id: SurfaceId) -> Rgb {
+    match scene.material_of(id).reflectance {
+        crate::scene::Reflectance::Diffuse(rho) => rho,
+        crate::scene::Reflectance::Mirror(_) => Rgb::BLACK,
+    }
+}
+
+fn texel_range(lattice: &Lattice) -> std::ops::Range<usize> {
+    let first = lattice.first as usize;
+    first..first + lattice.width as usize * lattice.height as usize
+}
+
+/// Mean incident radiance of each texel of one side into `out`. False when no line struck it.
+fn one_side(
+    lattice: &Lattice,
+    side: usize,
+    sums: &[Fixed],
+    quantum: Quantum,
+    expected: f32,
+    out: &mut [Rgb],
+) -> bool {
+    let range = texel_range(lattice);
+    let lines = |texel: usize| sums[2 * texel + side][3];
+    let mut missing = Vec::new();
+    for texel in range.clone() {
+        match lines(texel) {
+            0 => missing.push(texel),
+            n => out[2 * texel + side] = quantum.radiance(sums[2 * texel + side]) / n as f32,
+        }
+    }
+    if missing.len() == range.len() {
+        return false;
+    }
+    lean_on_neighbours(lattice, side, &lines, expected, out);
+    fill(lattice, side, missing, out);
+    true
+}
+
+/// Blends texels that few lines struck with the mean of their neighbours' lines.
+fn lean_on_neighbours(
+    lattice: &Lattice,
+    side: usize,
+    lines: &dyn Fn(usize) -> i64,
+    expected: f32,
+    out: &mut [Rgb],
+) {
+    let enough = FAITHFUL * expected;
+    let mut blended = Vec::new();
+    for texel in texel_range(lattice) {
+        let own = lines(texel) as f32;
+        if own == 0.0 || own >= enough {
+            continue;
+        }
+        let mut sum = Rgb::BLACK;
+        let mut weight = 0.0;
+        for other in neighbours(lattice, texel) {
+            let w = lines(other) as f32;
+            sum += out[2 * other + side] * w;
+            weight += w;
+        }
+        if weight > 0.0 {
+            let trust = own / enough;
+            let mean = sum / weight;
+            blended.push((texel, out[2 * texel + side] * trust + mean * (1.0 - trust)));
+        }
+    }
+    for (texel, value) in blended {
+        out[2 * texel + side] = value;
+    }
+}
+
+/// Gives texels that no line struck the mean of their neighbours, ring by ring from those that have a
+/// value, so that lookups between texels find light up to every border.
+fn fill(lattice: &Lattice, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]) {
+    let first = lattice.first as usize;
+    let mut known = vec![true; texel_range(lattice).len()];
+    missing.iter().for_each(|t| known[t - first] = false);
+    while !missing.is_empty() {
+        let mut filled = Vec::new();
+        missing.retain(|&texel| {
+            let around: Vec<usize> =
+                neighbours(lattice, texel).filter(|o| known[o - first]).collect();
+            if around.is_empty() {
+                return true;
+            }
+            let sum: Rgb = around.iter().map(|o| out[2 * o + side]).sum();
+            filled.push((texel, sum / around.len() as f32));
+            false
+        });
+        for (texel, value) in filled {
+            out[2 * texel + side] = value;
+            known[texel - first] = true;
+        }
+    }
+}
+
+/// The up to eight texels around one.
+fn neighbours(lattice: &Lattice, texel: usize) -> impl Iterator<Item = usize> {
+    let Lattice { first, width, height, .. } = *lattice;
+    let (first, width, height) = (first as usize, width as usize, height as usize);
+    let (column, row) = ((texel - first) % width, (texel - first) / width);
+    let rows = row.saturating_sub(1)..(row + 2).min(height);
+    rows.flat_map(move |r| {
+        (column.saturating_sub(1)..(column + 2).min(width)).map(move |c| first + r * width + c)
+    })
+    .filter(move |other| *other != texel)
+}

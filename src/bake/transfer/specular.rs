@@ -1,0 +1,81 @@
+//! Specular surface as sender (section 4.3): what a mirror sends on along a direction.
+//!
+//! Light is stored where it arrived: in the unshot map of the direction it came along. What a mirror P
+//! sends along w' from a point x is found backwards: w' is mirrored at P, and the radiance that
+//! arrived from there is gathered from the three nearest directions' unshot maps. P is planar, so
+//! the three are the same for all of its cells in a PSF.
+
+use crate::directions::Directions;
+use crate::field::FieldError;
+use crate::field::pages::{Page, Pages};
+use crate::gather::Around;
+use crate::ids::{Sense, Side, SurfaceId};
+use crate::radiance::Rgb;
+use crate::scene::Scene;
+use glam::Vec3;
+use std::sync::Arc;
+
+/// Looks a mirror's outgoing radiance along one PSF up.
+pub struct MirrorSender {
+    surface: SurfaceId,
+    around: Around,
+    pages: [Option<Arc<Page>>; 3],
+    factor: Rgb,
+    emitted: Rgb,
+}
+
+impl MirrorSender {
+    /// For the side of `surface` that faces along `outgoing`, a unit vector. `pages` hold the unshot
+    /// maps of this cycle, or are `None` in the first, when nothing has arrived yet; `emits` says
+    /// whether the surface's own emission is to be shot.
+    ///
+    /// # Errors
+    /// When a page cannot be read.
+    pub fn new(
+        scene: &Scene,
+        directions: &Directions,
+        pages: Option<&Pages>,
+        (surface, outgoing, emits): (SurfaceId, Vec3, bool),
+        resolution: u32,
+    ) -> Result<MirrorSender, FieldError> {
+        let material = scene.material_of(surface);
+        let plane = scene.surface(surface).normal;
+        let side = Side::facing(plane.dot(outgoing));
+        let normal = plane * side.sign();
+        let source = mirrored(outgoing, normal);
+        let around = Around::new(directions, resolution, source, normal);
+        let mut held = [None, None, None];
+        if let Some(pages) = pages {
+            for (held, near) in held.iter_mut().zip(&around.near) {
+                if near.weight > 0.0 {
+                    *held = Some(pages.get(near.direction.0)?);
+                }
+            }
+        }
+        let emitted = if emits && side == Side::Front { material.emitted } else { Rgb::BLACK };
+        let factor = material.reflectance.factor();
+        Ok(MirrorSender { surface, around, pages: held, factor, emitted })
+    }
+
+    /// Radiance sent from a point of the mirror, W sr^-1 m^-2; `None` is a hole: something may have
+    /// arrived there, but the surface covers no cell near the point in any of the three directions.
+    pub fn radiance(&self, point: Vec3) -> Option<Rgb> {
+        if self.pages.iter().all(Option::is_none) {
+            return Some(self.emitted);
+        }
+        let maps = [0, 1, 2].map(|k| self.pages[k].as_ref().map(|p| p.map()));
+        let arrived = self.around.radiance(&maps, self.surface, point)?;
+        Some(arrived * self.factor + self.emitted)
+    }
+}
+
+/// The direction from which light must arrive to leave along `outgoing`; both point away from the
+/// surface.
+pub fn mirrored(outgoing: Vec3, normal: Vec3) -> Vec3 {
+    (normal * (2.0 * outgoing.dot(normal)) - outgoing).normalize()
+}
+
+/// Unit vector of a sense of a direction.
+pub fn sense_vector(direction: Vec3, sense: Sense) -> Vec3 {
+    direction * sense.sign()
+}

@@ -1,0 +1,539 @@
+//! The container that every file is: first block, directory, chunks.
+//!
+//! ```text
+//! 0      first block, 256 bytes, hashed by its last 8
+//! 256    directory: one entry of 64 bytes a chunk, hashed in the first block
+//! ...    chunks, each at a multiple of 64, in the directory's order, zero bytes between
+//! ```
+//!
+//! A chunk's hash is seeded with its identity (field, kind, cycle, direction), so that a sound chunk
+//! in the wrong place fails too. It covers the stored bytes and is checked before they are decoded.
+
+use super::bytes::{Reader, Writer};
+use super::{Fault, FormatError, READS_MAJOR, limits};
+use std::borrow::Cow;
+use std::io::{self, Seek, SeekFrom, Write};
+use twox_hash::XxHash3_64;
+
+/// Non-ASCII first, then CR LF, ^Z, LF: a text-mode transfer damages it in a way that is seen.
+pub const MAGIC: [u8; 8] = [0x89, b'V', b'L', b'F', 0x0d, 0x0a, 0x1a, 0x0a];
+/// Bytes of the first block.
+pub const FIRST_BLOCK: usize = 256;
+/// Bytes of a directory entry.
+pub const ENTRY: usize = 64;
+/// Chunks begin at multiples of this.
+pub const ALIGN: usize = 64;
+/// The `direction` of a chunk or file that belongs to none.
+pub const NO_DIRECTION: u32 = u32::MAX;
+
+const SENTINEL: u32 = 0x0102_0304;
+const MINOR: u16 = 0;
+const HASH_AT: usize = FIRST_BLOCK - 8;
+
+/// What a file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum FileKind {
+    /// The commit record of a field.
+    Manifest = 1,
+    /// The resolved scene of a field.
+    Scene = 2,
+    /// Texture maps of a generation.
+    Textures = 3,
+    /// Sums of a cycle under way.
+    Sums = 4,
+    /// Tile maps of one direction and generation.
+    Tiles = 5,
+    /// A packed field.
+    Pack = 6,
+}
+
+/// What a chunk holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u32)]
+pub enum ChunkKind {
+    /// A metadata record (bincode).
+    Record = 1,
+    /// The resolved scene.
+    Scene = 2,
+    /// Total texture map P^T.
+    TotalTexture = 3,
+    /// Current texture map P^C: unshot radiance of diffuse surfaces.
+    CurrentTexture = 4,
+    /// Sums of a cycle under way, from which P^N is made.
+    Sums = 5,
+    /// Unshot radiance maps L_U of mirrors, where the light arrived.
+    Unshot = 6,
+    /// Radiance that has arrived at mirrors over all cycles.
+    Arrived = 7,
+    /// Total radiance maps L_T.
+    Total = 8,
+}
+
+/// How a chunk's bytes are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Codec {
+    /// As they are.
+    Raw = 0,
+    /// One zstd frame.
+    Zstd = 1,
+}
+
+fn chunk_kind(v: u32) -> Result<ChunkKind, Fault> {
+    use ChunkKind::*;
+    [Record, Scene, TotalTexture, CurrentTexture, Sums, Unshot, Arrived, Total]
+        .into_iter()
+        .find(|k| *k as u32 == v)
+        .ok_or_else(|| Fault::invalid(format!("unknown chunk kind {v}")))
+}
+
+fn file_kind(v: u32) -> Result<FileKind, Fault> {
+    use FileKind::*;
+    [Manifest, Scene, Textures, Sums, Tiles, Pack]
+        .into_iter()
+        .find(|k| *k as u32 == v)
+        .ok_or_else(|| Fault::invalid(format!("unknown file kind {v}")))
+}
+
+/// Identity of the field a file belongs to.
+pub type FieldId = [u8; 16];
+
+/// The first block, checked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// What the file is.
+    pub kind: FileKind,
+    /// The field it belongs to.
+    pub field: FieldId,
+    /// Lines of the field, l.
+    pub directions: u32,
+    /// Cells along an edge of a PSF, N.
+    pub resolution: u32,
+    /// Cells along an edge of a tile, m.
+    pub tile: u32,
+    /// Stored radiance is multiplied by two to this power.
+    pub exponent: i32,
+    /// Surfaces of the scene.
+    pub surfaces: u32,
+    /// Generation the file belongs to.
+    pub generation: u32,
+    /// Direction the file belongs to, or [`NO_DIRECTION`].
+    pub direction: u32,
+}
+
+/// A chunk's place in the order of things; its hash is bound to it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ChunkId {
+    /// What it holds.
+    pub kind: ChunkKind,
+    /// Cycle or generation.
+    pub cycle: u32,
+    /// Direction, or [`NO_DIRECTION`].
+    pub direction: u32,
+}
+
+/// A directory entry, checked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChunkEntry {
+    /// Which chunk.
+    pub id: ChunkId,
+    /// How it is stored.
+    pub codec: Codec,
+    /// Where its stored bytes begin in the file.
+    pub offset: u64,
+    /// How many they are.
+    pub stored: u64,
+    /// How many they are when decoded.
+    pub raw: u64,
+    /// Hash of the stored bytes, seeded with the identity.
+    pub hash: u64,
+}
+
+/// First block and directory of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Directory {
+    /// The first block.
+    pub header: Header,
+    /// The chunks, in the order they lie in the file.
+    pub entries: Vec<ChunkEntry>,
+}
+
+/// Hash of stored bytes at a place.
+fn chunk_hash(field: &FieldId, id: ChunkId, stored: &[u8]) -> u64 {
+    let mut w = Writer::default();
+    w.0.extend_from_slice(field);
+    w.u32(id.kind as u32);
+    w.u32(id.cycle);
+    w.u32(id.direction);
+    XxHash3_64::oneshot_with_seed(XxHash3_64::oneshot(&w.0), stored)
+}
+
+/// Encodes bytes with a codec.
+///
+/// # Errors
+/// When the compressor fails for want of memory.
+pub fn encode<'a>(codec: Codec, raw: &'a [u8]) -> io::Result<Cow<'a, [u8]>> {
+    Ok(match codec {
+        Codec::Raw => Cow::Borrowed(raw),
+        Codec::Zstd => Cow::Owned(zstd::bulk::compress(raw, 3)?),
+    })
+}
+
+/// Verifies a chunk's stored bytes against its entry and decodes them.
+///
+/// # Errors
+/// A checksum or a length that does not fit, or a damaged frame.
+pub fn decode<'a>(
+    field: &FieldId,
+    entry: &ChunkEntry,
+    stored: &'a [u8],
+) -> Result<Cow<'a, [u8]>, Fault> {
+    let name = || format!("{:?} of direction {}", entry.id.kind, entry.id.direction);
+    if stored.len() as u64 != entry.stored || chunk_hash(field, entry.id, stored) != entry.hash {
+        return Err(Fault::Checksum { what: name(), offset: entry.offset });
+    }
+    match entry.codec {
+        Codec::Raw => Ok(Cow::Borrowed(stored)),
+        Codec::Zstd => {
+            // `raw` is bounded by the limit that the directory was checked against; the frame must
+            // declare the same size, so that its own header cannot ask for more.
+            let declared = zstd::zstd_safe::get_frame_content_size(stored).ok().flatten();
+            let frame = zstd::zstd_safe::find_frame_compressed_size(stored).ok();
+            if declared != Some(entry.raw) || frame != Some(stored.len()) {
+                return Err(Fault::invalid(format!("{}: its frame has another size", name())));
+            }
+            let raw = zstd::bulk::decompress(stored, entry.raw as usize)
+                .map_err(|e| Fault::invalid(format!("{}: {e}", name())))?;
+            if raw.len() as u64 != entry.raw {
+                return Err(Fault::invalid(format!("{}: decodes to another length", name())));
+            }
+            Ok(Cow::Owned(raw))
+        }
+    }
+}
+
+impl Header {
+    /// The first block's bytes.
+    fn to_bytes(&self, chunks: u64, directory_hash: u64, file_len: u64) -> [u8; FIRST_BLOCK] {
+        let mut w = Writer::default();
+        w.0.extend_from_slice(&MAGIC);
+        w.u32(SENTINEL);
+        w.u16(READS_MAJOR);
+        w.u16(MINOR);
+        // Features required to read, required to write, and optional: none so far.
+        w.u64(0);
+        w.u64(0);
+        w.u64(0);
+        w.u32(self.kind as u32);
+        w.u32(self.directions);
+        w.u32(self.resolution);
+        w.u32(self.tile);
+        w.i32(self.exponent);
+        w.u32(self.surfaces);
+        w.0.extend_from_slice(&self.field);
+        w.u32(self.generation);
+        w.u32(self.direction);
+        w.u64(chunks);
+        w.u64(directory_hash);
+        w.u64(file_len);
+        w.0.resize(HASH_AT, 0);
+        let hash = XxHash3_64::oneshot(&w.0);
+        w.u64(hash);
+        let mut block = [0; FIRST_BLOCK];
+        block.copy_from_slice(&w.0);
+        block
+    }
+
+    /// Checks a first block against the length of its file. Returns it with the number of chunks and
+    /// the directory's hash.
+    fn parse(block: &[u8], file_len: u64) -> Result<(Header, u64, u64), Fault> {
+        let head = &block[..block.len().min(8)];
+        if head != &MAGIC[..head.len()] || head.is_empty() {
+            // CR LF turned into LF, or LF into CR LF, right behind the letters.
+            let mangled = head.len() > 4 && head[1..4] == MAGIC[1..4];
+            return Err(if mangled { Fault::TextMode } else { Fault::Foreign });
+        }
+        if block.len() < FIRST_BLOCK {
+            return Err(Fault::Truncated { expected: FIRST_BLOCK as u64, actual: file_len });
+        }
+        let mut r = Reader::new(&block[8..FIRST_BLOCK]);
+        match r.u32()? {
+            SENTINEL => {}
+            v if v == SENTINEL.swap_bytes() => return Err(Fault::ByteOrder),
+            _ => return Err(Fault::Checksum { what: "first block".into(), offset: 0 }),
+        }
+        let (major, minor) = (r.u16()?, r.u16()?);
+        let hash = XxHash3_64::oneshot(&block[..HASH_AT]);
+        let stated = Reader::new(&block[HASH_AT..FIRST_BLOCK]).u64()?;
+        if major == READS_MAJOR && hash != stated {
+            return Err(Fault::Checksum { what: "first block".into(), offset: 0 });
+        }
+        if major != READS_MAJOR {
+            return Err(Fault::Version { major, minor });
+        }
+        let required = r.u64()?;
+        if required != 0 {
+            return Err(Fault::Feature(required.trailing_zeros()));
+        }
+        r.take(16)?;
+        let limit = |what, value: u32, limit: u32| match value <= limit {
+            true => Ok(value),
+            false => Err(Fault::Limit { what, value: value.into(), limit: limit.into() }),
+        };
+        let kind = file_kind(r.u32()?)?;
+        let directions = limit("direction count", r.u32()?, limits::DIRECTIONS)?;
+        let resolution = limit("resolution", r.u32()?, limits::RESOLUTION)?;
+        let tile = limit("tile size", r.u32()?, limits::TILE)?;
+        let exponent = r.i32()?;
+        let surfaces = limit("surface count", r.u32()?, limits::SURFACES)?;
+        if tile == 0 || resolution == 0 || resolution % tile != 0 {
+            return Err(Fault::invalid(format!("resolution {resolution} in tiles of {tile}")));
+        }
+        if !(-100..=100).contains(&exponent) {
+            return Err(Fault::invalid(format!("radiance exponent {exponent}")));
+        }
+        let mut field = [0; 16];
+        field.copy_from_slice(r.take(16)?);
+        let (generation, direction) = (r.u32()?, r.u32()?);
+        let (chunks, directory_hash, stated_len) = (r.u64()?, r.u64()?, r.u64()?);
+        if r.take(r.left() - 8)?.iter().any(|b| *b != 0) {
+            return Err(Fault::invalid("reserved bytes of the first block are not zero"));
+        }
+        if file_len < stated_len {
+            return Err(Fault::Truncated { expected: stated_len, actual: file_len });
+        }
+        if file_len > stated_len {
+            return Err(Fault::Surplus(file_len - stated_len));
+        }
+        let header = Header {
+            kind,
+            field,
+            directions,
+            resolution,
+            tile,
+            exponent,
+            surfaces,
+            generation,
+            direction,
+        };
+        Ok((header, chunks, directory_hash))
+    }
+}
+
+impl ChunkEntry {
+    fn write(&self, w: &mut Writer) {
+        w.u32(self.id.kind as u32);
+        w.u32(self.id.cycle);
+        w.u32(self.id.direction);
+        w.u32(self.codec as u32);
+        w.u64(self.offset);
+        w.u64(self.stored);
+        w.u64(self.raw);
+        w.u64(self.hash);
+        w.u64(0);
+        w.u64(0);
+    }
+
+    fn parse(r: &mut Reader) -> Result<ChunkEntry, Fault> {
+        let kind = chunk_kind(r.u32()?)?;
+        let (cycle, direction) = (r.u32()?, r.u32()?);
+        let codec = match r.u32()? {
+            0 => Codec::Raw,
+            1 => Codec::Zstd,
+            c => return Err(Fault::invalid(format!("unknown codec {c}"))),
+        };
+        let (offset, stored, raw, hash) = (r.u64()?, r.u64()?, r.u64()?, r.u64()?);
+        if r.u64()? != 0 || r.u64()? != 0 {
+            return Err(Fault::invalid("reserved bytes of a directory entry are not zero"));
+        }
+        if raw > limits::CHUNK || (codec == Codec::Raw && raw != stored) {
+            return Err(Fault::Limit { what: "chunk length", value: raw, limit: limits::CHUNK });
+        }
+        let id = ChunkId { kind, cycle, direction };
+        Ok(ChunkEntry { id, codec, offset, stored, raw, hash })
+    }
+}
+
+impl Directory {
+    /// Length of first block and directory, from the first block; what [`Directory::parse`] wants.
+    ///
+    /// # Errors
+    /// A first block that is not sound, or a file too short for its directory.
+    pub fn length(block: &[u8], file_len: u64) -> Result<usize, Fault> {
+        let (_, chunks, _) = Header::parse(block, file_len)?;
+        chunks
+            .checked_mul(ENTRY as u64)
+            .and_then(|d| d.checked_add(FIRST_BLOCK as u64))
+            .filter(|end| *end <= file_len)
+            .map(|end| end as usize)
+            .ok_or(Fault::Limit { what: "chunk count", value: chunks, limit: file_len })
+    }
+
+    /// Checks first block and directory (`head` begins the file and holds both) against the length
+    /// of the file: hashes, limits, and that the chunks lie in order, aligned, without a hole, to the
+    /// very end.
+    ///
+    /// # Errors
+    /// The first fault found.
+    pub fn parse(head: &[u8], file_len: u64) -> Result<Directory, Fault> {
+        let (header, chunks, hash) = Header::parse(head, file_len)?;
+        let end = Directory::length(head, file_len)?;
+        let table = head
+            .get(FIRST_BLOCK..end)
+            .ok_or(Fault::Truncated { expected: end as u64, actual: head.len() as u64 })?;
+        if XxHash3_64::oneshot(table) != hash {
+            let offset = FIRST_BLOCK as u64;
+            return Err(Fault::Checksum { what: "directory".into(), offset });
+        }
+        let mut r = Reader::new(table);
+        let mut entries = Vec::with_capacity(chunks as usize);
+        let mut at = end as u64;
+        for i in 0..chunks {
+            let entry = ChunkEntry::parse(&mut r)?;
+            if entry.offset != at.next_multiple_of(ALIGN as u64) {
+                return Err(Fault::invalid(format!("chunk {i} is not where the one before ends")));
+            }
+            at = entry
+                .offset
+                .checked_add(entry.stored)
+                .filter(|e| *e <= file_len)
+                .ok_or_else(|| Fault::invalid(format!("chunk {i} reaches beyond the file")))?;
+            entries.push(entry);
+        }
+        if at.next_multiple_of(ALIGN as u64) != file_len {
+            return Err(Fault::invalid("the chunks do not end with the file"));
+        }
+        Ok(Directory { header, entries })
+    }
+
+    /// The entry of a chunk.
+    ///
+    /// # Errors
+    /// When the file has none of that kind and direction.
+    pub fn find(&self, kind: ChunkKind, direction: u32) -> Result<&ChunkEntry, Fault> {
+        self.entries
+            .iter()
+            .find(|e| e.id.kind == kind && e.id.direction == direction)
+            .ok_or_else(|| Fault::Missing(format!("{kind:?} of direction {direction}")))
+    }
+
+    /// Verifies and decodes a chunk of a file that is in memory or mapped as a whole.
+    ///
+    /// # Errors
+    /// As [`decode`].
+    pub fn chunk<'a>(&self, file: &'a [u8], entry: &ChunkEntry) -> Result<Cow<'a, [u8]>, Fault> {
+        let stored = usize::try_from(entry.offset)
+            .ok()
+            .zip(usize::try_from(entry.stored).ok())
+            .and_then(|(at, len)| file.get(at..at.checked_add(len)?))
+            .ok_or(Fault::Truncated { expected: entry.offset, actual: file.len() as u64 })?;
+        decode(&self.header.field, entry, stored)
+    }
+}
+
+/// Writes a container chunk by chunk; the number of chunks is fixed at the start, so that the
+/// directory can stand before them.
+pub struct ContainerWriter<W: Write + Seek> {
+    out: W,
+    header: Header,
+    chunks: usize,
+    entries: Vec<ChunkEntry>,
+    at: u64,
+}
+
+impl<W: Write + Seek> ContainerWriter<W> {
+    /// Leaves room for first block and directory.
+    ///
+    /// # Errors
+    /// Of the output.
+    pub fn new(mut out: W, header: Header, chunks: usize) -> io::Result<ContainerWriter<W>> {
+        let at = FIRST_BLOCK + ENTRY * chunks;
+        out.write_all(&vec![0; at])?;
+        Ok(ContainerWriter { out, header, chunks, entries: Vec::new(), at: at as u64 })
+    }
+
+    /// Appends a chunk.
+    ///
+    /// # Errors
+    /// Of the output or the compressor.
+    ///
+    /// # Panics
+    /// When more chunks come than were announced.
+    pub fn chunk(&mut self, id: ChunkId, codec: Codec, raw: &[u8]) -> io::Result<()> {
+        let stored = encode(codec, raw)?;
+        self.stored_chunk(id, codec, raw.len() as u64, &stored)
+    }
+
+    /// Appends a chunk whose bytes are encoded already; `raw` is their decoded length.
+    ///
+    /// # Errors
+    /// Of the output.
+    ///
+    /// # Panics
+    /// When more chunks come than were announced.
+    pub fn stored_chunk(
+        &mut self,
+        id: ChunkId,
+        codec: Codec,
+        raw: u64,
+        stored: &[u8],
+    ) -> io::Result<()> {
+        assert!(self.entries.len() < self.chunks, "more chunks than announced");
+        let offset = self.at.next_multiple_of(ALIGN as u64);
+        self.out.write_all(&[0; ALIGN][..(offset - self.at) as usize])?;
+        self.out.write_all(stored)?;
+        self.at = offset + stored.len() as u64;
+        let hash = chunk_hash(&self.header.field, id, stored);
+        let stored = stored.len() as u64;
+        self.entries.push(ChunkEntry { id, codec, offset, stored, raw, hash });
+        Ok(())
+    }
+
+    /// Writes first block and directory and hands the output back, unsynced.
+    ///
+    /// # Errors
+    /// Of the output.
+    ///
+    /// # Panics
+    /// When fewer chunks came than were announced.
+    pub fn finish(mut self) -> io::Result<W> {
+        assert_eq!(self.entries.len(), self.chunks, "fewer chunks than announced");
+        let end = self.at.next_multiple_of(ALIGN as u64);
+        self.out.write_all(&[0; ALIGN][..(end - self.at) as usize])?;
+        let mut table = Writer::default();
+        self.entries.iter().for_each(|e| e.write(&mut table));
+        let hash = XxHash3_64::oneshot(&table.0);
+        let block = self.header.to_bytes(self.chunks as u64, hash, end);
+        self.out.seek(SeekFrom::Start(0))?;
+        self.out.write_all(&block)?;
+        self.out.write_all(&table.0)?;
+        self.out.flush()?;
+        Ok(self.out)
+    }
+}
+
+/// A container built in memory.
+///
+/// # Errors
+/// Of the compressor.
+pub fn to_bytes(header: Header, chunks: &[(ChunkId, Codec, &[u8])]) -> io::Result<Vec<u8>> {
+    let mut w = ContainerWriter::new(io::Cursor::new(Vec::new()), header, chunks.len())?;
+    for (id, codec, raw) in chunks {
+        w.chunk(*id, *codec, raw)?;
+    }
+    Ok(w.finish()?.into_inner())
+}
+
+/// Reads first block and directory of a file in memory; `name` is for the message.
+///
+/// # Errors
+/// The first fault found, with the file's name; or another kind of file than `kind`.
+pub fn open(name: &str, file: &[u8], kind: FileKind) -> Result<Directory, FormatError> {
+    let directory = Directory::parse(file, file.len() as u64).map_err(|f| f.in_file(name))?;
+    if directory.header.kind != kind {
+        let found = directory.header.kind;
+        return Err(Fault::invalid(format!("is a {found:?} file, not {kind:?}")).in_file(name));
+    }
+    Ok(directory)
+}

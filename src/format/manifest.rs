@@ -1,0 +1,239 @@
+//! The manifest: what a field is, how far its bake has come, and its energy ledger.
+//!
+//! One record, encoded with bincode 2 (little-endian, fixed-width integers, fields in the order they
+//! stand here) inside a checksummed chunk. `format-spec/` lists the bytes.
+
+use super::container::{self, ChunkId, ChunkKind, Codec, FieldId, FileKind, Header, NO_DIRECTION};
+use super::{Fault, FormatError, limits};
+use serde::{Deserialize, Serialize};
+use std::io;
+
+/// What decides the bits of a field, besides the scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Parameters {
+    /// Lines, l.
+    pub directions: u32,
+    /// Cells along an edge of a PSF, N.
+    pub resolution: u32,
+    /// Cells along an edge of a tile, m.
+    pub tile: u32,
+    /// Cycles to run; `None` is `auto`.
+    pub cycles: Option<u32>,
+    /// With `auto`: stop when this fraction of the emitted power is still unshot.
+    pub unshot_fraction: f64,
+    /// PSFs each line stands for in each cycle, its own included; the last counts for all later cycles.
+    pub perturbations: Vec<u32>,
+    /// Edge of a texel in cells.
+    pub texel_cells: f64,
+    /// Whether surfaces have a front only.
+    pub one_sided: bool,
+}
+
+/// Where a bake stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Phase {
+    /// Cycle `cycle` of the propagation is under way.
+    Propagating,
+    /// The total radiance maps are being written.
+    WritingTotals,
+    /// All is there.
+    Finished,
+}
+
+/// The energy ledger of one cycle, in W (mean of the channels, the scene's own units of length).
+///
+/// `emitted + carried_in = absorbed + left + unshot + holes + sampling + quantised`, up to
+/// [`CycleLedger::residual`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CycleLedger {
+    /// The cycle.
+    pub cycle: u32,
+    /// Emitted at the start of this cycle.
+    pub emitted: f64,
+    /// Unshot power that the cycle before left.
+    pub carried_in: f64,
+    /// Absorbed by surfaces.
+    pub absorbed: f64,
+    /// Left the scene along lines that meet nothing more.
+    pub left: f64,
+    /// Reflected in this cycle and not yet shot.
+    pub unshot: f64,
+    /// Lost (positive) or gained by interpolating mirrors' radiance between directions and cells.
+    pub holes: f64,
+    /// Lost or gained because lines sample areas: what the lines carry less what the areas say.
+    pub sampling: f64,
+    /// Lost or gained by rounding stored radiance.
+    pub quantised: f64,
+}
+
+impl CycleLedger {
+    /// What came in.
+    pub fn income(&self) -> f64 {
+        self.emitted + self.carried_in
+    }
+
+    /// What the ledger does not account for, as a fraction of what came in.
+    pub fn residual(&self) -> f64 {
+        let out = self.absorbed + self.left + self.unshot;
+        let lost = self.holes + self.sampling + self.quantised;
+        if self.income() > 0.0 { (self.income() - out - lost) / self.income() } else { 0.0 }
+    }
+}
+
+/// Figures of a bake that `vlf info` shows; they do not count into the field's digest.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Statistics {
+    /// Seconds of baking so far, over all runs.
+    pub seconds: f64,
+    /// Fragments rasterised.
+    pub fragments: u64,
+    /// Pairs of surfaces that exchanged light along a line.
+    pub pairs: u64,
+    /// Radiance lookups in unshot maps of mirrors.
+    pub gathers: u64,
+    /// Lookups that found no cell of the mirror in any of the three directions.
+    pub holes: u64,
+    /// Bytes of tile files written.
+    pub bytes_written: u64,
+    /// Surfaces in a tile, averaged over the tiles of the total maps that hold any.
+    pub surfaces_per_tile: f64,
+}
+
+/// The commit record of a field.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Revision of the algorithm; fields of another one are not continued.
+    pub revision: u32,
+    /// What decides the bits.
+    pub parameters: Parameters,
+    /// Hash of the scene's bytes.
+    pub scene_hash: [u8; 16],
+    /// Where the bake stands.
+    pub phase: Phase,
+    /// The cycle under way, or the number of cycles done.
+    pub cycle: u32,
+    /// Directions of the step under way that are done, one bit each, low bit first.
+    pub done: Vec<u8>,
+    /// Number of commits so far; names the file of the sums.
+    pub sequence: u64,
+    /// Whether a file of sums belongs to this commit.
+    pub has_sums: bool,
+    /// One ledger a finished cycle.
+    pub ledger: Vec<CycleLedger>,
+    /// Figures.
+    pub statistics: Statistics,
+    /// Digest of the finished field, else zero.
+    pub digest: [u8; 16],
+}
+
+fn config() -> impl bincode::config::Config {
+    bincode::config::standard()
+        .with_little_endian()
+        .with_fixed_int_encoding()
+        .with_limit::<{ limits::META as usize }>()
+}
+
+/// Encodes a small metadata record.
+///
+/// # Errors
+/// When it is larger than the limit.
+pub fn record_to_bytes<T: Serialize>(record: &T) -> Result<Vec<u8>, Fault> {
+    bincode::serde::encode_to_vec(record, config()).map_err(|e| Fault::invalid(e.to_string()))
+}
+
+/// Decodes a small metadata record that takes exactly these bytes.
+///
+/// # Errors
+/// When the bytes are not such a record, or surplus bytes follow it.
+pub fn record_from_bytes<T: for<'a> Deserialize<'a>>(bytes: &[u8]) -> Result<T, Fault> {
+    let (record, used) = bincode::serde::decode_from_slice(bytes, config())
+        .map_err(|e| Fault::invalid(format!("record: {e}")))?;
+    match bytes.len() - used {
+        0 => Ok(record),
+        surplus => Err(Fault::Surplus(surplus as u64)),
+    }
+}
+
+impl Manifest {
+    /// The manifest file.
+    ///
+    /// # Errors
+    /// When the record is larger than the limit.
+    pub fn to_file(&self, header: Header) -> Result<Vec<u8>, Fault> {
+        let record = record_to_bytes(self)?;
+        let id = ChunkId { kind: ChunkKind::Record, cycle: 0, direction: NO_DIRECTION };
+        let in_memory = |e: io::Error| Fault::invalid(e.to_string());
+        container::to_bytes(header, &[(id, Codec::Raw, &record)]).map_err(in_memory)
+    }
+
+    /// Reads a manifest file and checks what it says against its first block.
+    ///
+    /// # Errors
+    /// The first fault found.
+    pub fn from_file(name: &str, file: &[u8]) -> Result<(Header, Manifest), FormatError> {
+        let directory = container::open(name, file, FileKind::Manifest)?;
+        let read = || {
+            let entry = directory.find(ChunkKind::Record, NO_DIRECTION)?;
+            let manifest: Manifest = record_from_bytes(&directory.chunk(file, entry)?)?;
+            manifest.check(&directory.header)?;
+            Ok(manifest)
+        };
+        let manifest = read().map_err(|f: Fault| f.in_file(name))?;
+        Ok((directory.header, manifest))
+    }
+
+    /// Checks the record against the first block of its file.
+    ///
+    /// # Errors
+    /// The first contradiction found.
+    pub fn check(&self, header: &Header) -> Result<(), Fault> {
+        let p = &self.parameters;
+        let same = p.directions == header.directions
+            && p.resolution == header.resolution
+            && p.tile == header.tile;
+        if !same || self.done.len() != (p.directions as usize).div_ceil(8) {
+            return Err(Fault::invalid("its parameters are not those of its first block"));
+        }
+        if !(p.texel_cells.is_finite() && p.texel_cells > 0.0) || p.perturbations.is_empty() {
+            return Err(Fault::invalid("its parameters are out of range"));
+        }
+        Ok(())
+    }
+
+    /// Whether a direction of the step under way is done.
+    pub fn is_done(&self, direction: u32) -> bool {
+        self.done[direction as usize / 8] >> (direction % 8) & 1 == 1
+    }
+
+    /// Marks a direction of the step under way as done.
+    pub fn mark_done(&mut self, direction: u32) {
+        self.done[direction as usize / 8] |= 1 << (direction % 8);
+    }
+
+    /// Directions of the step under way that are done.
+    pub fn done_count(&self) -> u32 {
+        self.done.iter().map(|b| b.count_ones()).sum()
+    }
+}
+
+/// Header for a file of a field.
+pub fn header(
+    kind: FileKind,
+    field: FieldId,
+    parameters: &Parameters,
+    surfaces: u32,
+    exponent: i32,
+    (generation, direction): (u32, u32),
+) -> Header {
+    Header {
+        kind,
+        field,
+        directions: parameters.directions,
+        resolution: parameters.resolution,
+        tile: parameters.tile,
+        exponent,
+        surfaces,
+        generation,
+        direction,
+    }
+}

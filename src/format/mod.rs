@@ -1,0 +1,127 @@
+//! Bytes on disk: containers, chunks, tile maps, the manifest. Knows nothing of light.
+//!
+//! Every file of a field and every pack is one *container*: a first block of 256 bytes, a directory
+//! of its chunks, and the chunks, each framed by its length and an xxh3-64 hash that is bound to the
+//! chunk's place. `format-spec/` describes every byte.
+//!
+//! Numbers are little-endian; sizes are checked before anything is allocated; nothing here is
+//! `unsafe`, and no serde runs on tables or tiles.
+
+pub mod bytes;
+
+pub mod container;
+
+pub mod manifest;
+
+pub mod names;
+
+pub mod tiles;
+
+use std::fmt;
+
+/// What is wrong with a file.
+#[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
+#[error("{file}: {fault}")]
+pub struct FormatError {
+    /// The file, and the part of it where that is known.
+    pub file: String,
+    /// What is wrong there.
+    pub fault: Fault,
+}
+
+/// Kinds of faults, each with what its message needs.
+#[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Fault {
+    /// Another kind of file.
+    #[error("not a VLF file")]
+    Foreign,
+    /// A magic number mangled by a text-mode transfer.
+    #[error("mangled by a text-mode transfer; copy it again in binary mode")]
+    TextMode,
+    /// The byte-order mark reads backwards.
+    #[error("written in the other byte order, which this version cannot read")]
+    ByteOrder,
+    /// A later or unknown version.
+    #[error("format version {major}.{minor}; this version reads {READS_MAJOR}.x")]
+    Version {
+        /// Breaking version.
+        major: u16,
+        /// Compatible version.
+        minor: u16,
+    },
+    /// A feature that must be understood and is not.
+    #[error("needs feature bit {0}, which this version does not have")]
+    Feature(u32),
+    /// Shorter than its header says.
+    #[error("truncated: its header says {expected} bytes, the file has {actual}")]
+    Truncated {
+        /// Length by the header, or the least a header takes.
+        expected: u64,
+        /// Length of the file.
+        actual: u64,
+    },
+    /// Longer than its header says.
+    #[error("{0} unexpected bytes after the end")]
+    Surplus(u64),
+    /// A hash that does not fit.
+    #[error("{what}: checksum mismatch at offset {offset:#x}")]
+    Checksum {
+        /// Which part.
+        what: String,
+        /// Where it begins.
+        offset: u64,
+    },
+    /// A number above a limit.
+    #[error("{what} {value} exceeds the limit of {limit}")]
+    Limit {
+        /// Which number.
+        what: &'static str,
+        /// What it says.
+        value: u64,
+        /// What is allowed.
+        limit: u64,
+    },
+    /// A chunk that must be there and is not.
+    #[error("{0} is missing")]
+    Missing(String),
+    /// Numbers that contradict each other or a rule of the format.
+    #[error("{0}")]
+    Invalid(String),
+}
+
+/// The major version this code reads and writes.
+pub const READS_MAJOR: u16 = 1;
+
+impl Fault {
+    /// Puts the name of the file before the fault.
+    pub fn in_file(self, file: impl fmt::Display) -> FormatError {
+        FormatError { file: file.to_string(), fault: self }
+    }
+
+    /// Shorthand for [`Fault::Invalid`].
+    pub fn invalid(what: impl Into<String>) -> Fault {
+        Fault::Invalid(what.into())
+    }
+
+    /// Whether the file may be good but is beyond this version.
+    pub fn is_unsupported(&self) -> bool {
+        matches!(self, Fault::Version { .. } | Fault::Feature(_) | Fault::ByteOrder)
+    }
+}
+
+/// Largest values a file may state; anything beyond is refused before memory is asked for.
+pub mod limits {
+    /// Lines of a field.
+    pub const DIRECTIONS: u32 = crate::directions::MOST_LINES;
+    /// Cells along the edge of a PSF.
+    pub const RESOLUTION: u32 = 1 << 13;
+    /// Cells along the edge of a tile.
+    pub const TILE: u32 = 256;
+    /// Surfaces of a scene.
+    pub const SURFACES: u32 = 1 << 24;
+    /// Bytes of one chunk, decoded.
+    pub const CHUNK: u64 = 1 << 32;
+    /// Bytes of the manifest's record.
+    pub const META: u64 = 64 << 20;
+}
