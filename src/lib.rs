@@ -16,6 +16,8 @@ pub mod gather;
 
 pub mod field;
 
+pub mod bake;
+
 pub use directions::Directions;
 pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SurfaceId, TileId};
 pub use psf::Psf;

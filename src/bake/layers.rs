@@ -288,9 +288,9 @@ impl Layers {
     }
 
     /// The fragments of the cell in column `i`, row `j`, nearest along the direction first.
-    pub fn cell(&self, i: u32, j: u32) -> &[Fragment] {
+    pub fn cell(&mut self, i: u32, j: u32) -> &mut [Fragment] {
         let at = (j * self.resolution + i) as usize;
-        &self.fragments[self.first[at] as usize..self.first[at + 1] as usize]
+        &mut self.fragments[self.first[at] as usize..self.first[at + 1] as usize]
     }
 
     /// Number of fragments over all cells.

@@ -322,15 +322,23 @@ impl Field {
         Ok(())
     }
 
-    /// Removes what the committed state no longer needs: a generation's tile files and textures.
+    /// Removes the tile files of a generation that the committed state no longer needs.
     ///
     /// # Errors
     /// Of the system.
-    pub fn remove_generation(&self, generation: u32) -> Result<(), FieldError> {
+    pub fn remove_maps(&self, generation: u32) -> Result<(), FieldError> {
         let folder = self.path.join(names::generation(generation));
         if folder.is_dir() {
             fs::remove_dir_all(&folder).map_err(FieldError::io("remove", &folder))?;
         }
+        Ok(())
+    }
+
+    /// Removes the texture maps of a generation that the committed state no longer needs.
+    ///
+    /// # Errors
+    /// Of the system.
+    pub fn remove_textures(&self, generation: u32) -> Result<(), FieldError> {
         let textures = self.path.join(names::textures(generation));
         if textures.is_file() {
             fs::remove_file(&textures).map_err(FieldError::io("remove", &textures))?;

@@ -9,6 +9,8 @@ use crate::radiance::Rgb;
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
+pub mod areas;
+
 pub mod camera;
 
 pub mod stored;

@@ -1,0 +1,203 @@
+//! The energy ledger: what each cycle took in and where it went.
+//!
+//! Lines are counted in whole numbers, so that the account of a cycle closes to the last unit unless a
+//! transfer is lost, doubled or overflows; that is what [`CycleLedger::residual`] shows. Against
+//! that stand the areas: what the texture maps hold. The difference is the error of sampling areas
+//! by lines, and is named.
+
+use super::transfer::{Fixed, Quantum};
+use crate::format::Fault;
+use crate::format::bytes::{Reader, Writer};
+use crate::format::manifest::CycleLedger;
+use crate::radiance::Rgb;
+use std::f64::consts::PI;
+
+/// Sums over the lines of a cycle; radiance in fixed point, its three channels added up, each line
+/// weighted by its shares.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Left diffuse surfaces.
+    pub shot_diffuse: i128,
+    /// Left mirrors.
+    pub shot_mirror: i128,
+    /// Left the scene.
+    pub left: i128,
+    /// Arrived at mirrors.
+    pub to_mirror: i128,
+    /// Arrived at mirrors, times their reflectance.
+    pub mirrored: i128,
+    /// The same along the lines of the unperturbed PSFs, for which it is stored.
+    pub mirrored_true: i128,
+    /// The same as it was stored.
+    pub stored: i128,
+    /// Fragments.
+    pub fragments: u64,
+    /// Pairs that looked at each other.
+    pub pairs: u64,
+    /// Lookups of mirrors' unshot radiance.
+    pub gathers: u64,
+    /// Of these, those that found nothing.
+    pub holes: u64,
+}
+
+impl Tally {
+    const NUMBERS: usize = 11;
+
+    fn numbers(&self) -> [i128; Tally::NUMBERS] {
+        [
+            self.shot_diffuse,
+            self.shot_mirror,
+            self.left,
+            self.to_mirror,
+            self.mirrored,
+            self.mirrored_true,
+            self.stored,
+            self.fragments.into(),
+            self.pairs.into(),
+            self.gathers.into(),
+            self.holes.into(),
+        ]
+    }
+
+    fn from_numbers(n: [i128; Tally::NUMBERS]) -> Tally {
+        let [shot_diffuse, shot_mirror, left, to_mirror, mirrored, mirrored_true, stored, ..] = n;
+        let count = |k: usize| n[k] as u64;
+        Tally {
+            shot_diffuse,
+            shot_mirror,
+            left,
+            to_mirror,
+            mirrored,
+            mirrored_true,
+            stored,
+            fragments: count(7),
+            pairs: count(8),
+            gathers: count(9),
+            holes: count(10),
+        }
+    }
+
+    /// Adds another tally.
+    pub fn add(&mut self, other: &Tally) {
+        let mut sum = self.numbers();
+        sum.iter_mut().zip(other.numbers()).for_each(|(a, b)| *a += b);
+        *self = Tally::from_numbers(sum);
+    }
+
+    /// Appends the tally to the bytes of a checkpoint.
+    pub fn write(&self, w: &mut Writer) {
+        for n in self.numbers() {
+            w.u64(n as u64);
+            w.u64((n >> 64) as u64);
+        }
+    }
+
+    /// Reads what [`Tally::write`] wrote.
+    ///
+    /// # Errors
+    /// When the bytes end.
+    pub fn read(r: &mut Reader) -> Result<Tally, Fault> {
+        let mut n = [0i128; Tally::NUMBERS];
+        for v in &mut n {
+            let (low, high) = (r.u64()?, r.u64()?);
+            *v = i128::from(low) | i128::from(high as i64) << 64;
+        }
+        Ok(Tally::from_numbers(n))
+    }
+}
+
+/// The channels of a line's radiance, added up.
+pub fn channels(line: &Fixed) -> i64 {
+    line[0] + line[1] + line[2]
+}
+
+/// What turns sums over lines into power.
+#[derive(Clone, Copy, Debug)]
+pub struct Units {
+    /// Radiance of one fixed unit.
+    pub quantum: Quantum,
+    /// Solid angle of one share, sr.
+    pub share: f64,
+    /// Area of a cell, in the scene's own units squared.
+    pub cell: f64,
+    /// PSFs each direction stood for.
+    pub perturbations: u32,
+}
+
+impl Units {
+    /// Power of a sum over lines, W, mean of the channels.
+    fn power(&self, sum: i128) -> f64 {
+        sum as f64 * self.quantum.unit() * self.share * self.cell
+            / 3.0
+            / f64::from(self.perturbations)
+    }
+
+    /// Power of a sum over lines of the unperturbed PSFs only.
+    fn power_true(&self, sum: i128) -> f64 {
+        self.power(sum) * f64::from(self.perturbations)
+    }
+}
+
+/// Power that texture maps hold, W, mean of the channels: `pi` times radiance times area, two values a
+/// texel; `areas` in the scene's own units squared times `scale`.
+pub fn texture_power(values: &[Rgb], areas: &[f32], scale: f64) -> f64 {
+    let sum: f64 = values
+        .chunks_exact(2)
+        .zip(areas)
+        .map(|(v, a)| f64::from(v[0].mean() + v[1].mean()) * f64::from(*a))
+        .sum();
+    PI * sum * scale
+}
+
+/// What a cycle's diffuse receivers took: the sums over lines, and the part that they reflect.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Received {
+    /// Arrived.
+    pub arrived: i128,
+    /// Arrived, times reflectance.
+    pub reflected: f64,
+}
+
+/// Adds up the sums of a cycle; `factor` is the reflectance of a texture value.
+pub fn received(sums: &[Fixed], factor: impl Fn(usize) -> Rgb) -> Received {
+    let mut total = Received::default();
+    for (value, sum) in sums.iter().enumerate() {
+        total.arrived += i128::from(channels(sum));
+        let rho = factor(value).0;
+        total.reflected += (0..3).map(|c| sum[c] as f64 * f64::from(rho[c])).sum::<f64>();
+    }
+    total
+}
+
+/// Power of the unshot maps that a cycle leaves: what mirrors will send on. W.
+pub fn stored_power(units: &Units, tally: &Tally) -> f64 {
+    units.power_true(tally.stored)
+}
+
+/// The account of a cycle. `diffuse_in` and `mirror_in` are the unshot power that it began with in
+/// texture maps and unshot maps, `diffuse_out` that of the new texture maps, all in W.
+pub fn account(
+    cycle: u32,
+    units: &Units,
+    tally: &Tally,
+    received: &Received,
+    (diffuse_in, mirror_in, diffuse_out): (f64, f64, f64),
+) -> CycleLedger {
+    let p = |sum| units.power(sum);
+    let reflected = p(received.reflected as i128);
+    let stored = stored_power(units, tally);
+    let true_lines = units.power_true(tally.mirrored_true);
+    let income = diffuse_in + mirror_in;
+    CycleLedger {
+        cycle,
+        emitted: if cycle == 0 { income } else { 0.0 },
+        carried_in: if cycle == 0 { 0.0 } else { income },
+        absorbed: p(received.arrived) - reflected + p(tally.to_mirror) - p(tally.mirrored),
+        left: p(tally.left),
+        unshot: diffuse_out + stored,
+        holes: mirror_in - p(tally.shot_mirror),
+        sampling: diffuse_in - p(tally.shot_diffuse) + reflected - diffuse_out + p(tally.mirrored)
+            - true_lines,
+        quantised: true_lines - stored,
+    }
+}

@@ -1,0 +1,234 @@
+//! Act one, made: light is propagated through the field (section 4).
+//!
+//! In: a [`Scene`] and [`Parameters`]. Out: a field directory. The stages, in the data's order:
+//! [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels),
+//! [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
+//! [`totals`] (the last sweep).
+
+pub mod layers;
+
+pub mod exchange;
+
+pub mod perturb;
+
+pub mod transfer;
+
+pub mod ledger;
+
+pub mod step;
+
+pub mod totals;
+
+pub mod cycle;
+
+pub mod quality;
+
+use crate::directions::Directions;
+use crate::field::{Field, FieldError};
+use crate::format::manifest::{Parameters, Phase, Statistics};
+use crate::format::tiles::exponent_for;
+use crate::format::{Fault, limits};
+use crate::radiance::Rgb;
+use crate::scene::Scene;
+use crate::scene::texels::Texels;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+/// What can go wrong with a bake.
+#[derive(Clone, Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BakeError {
+    /// A parameter that makes no sense.
+    #[error("{0}")]
+    Parameter(String),
+    /// Of the field's files.
+    #[error(transparent)]
+    Field(#[from] FieldError),
+    /// The memory granted is too small.
+    #[error("needs at least {needs} of memory for this scene and N = {resolution}, not {granted}")]
+    Memory {
+        /// The least that works, in words.
+        needs: String,
+        /// What was granted, in words.
+        granted: String,
+        /// N.
+        resolution: u32,
+    },
+    /// The energy ledger does not close: light was lost or made by a fault of the program.
+    #[error(
+        "cycle {cycle}: the energy ledger does not close: {residual:.1e} of the income is not \
+         accounted for. This is a fault of the program; the field is kept as it was before the cycle"
+    )]
+    Ledger {
+        /// The cycle.
+        cycle: u32,
+        /// Unaccounted fraction of the income.
+        residual: f64,
+    },
+    /// Radiance that is negative or not finite.
+    #[error("cycle {cycle}: non-finite or negative radiance on surface {surface}; not committed")]
+    Radiance {
+        /// The cycle.
+        cycle: u32,
+        /// The surface.
+        surface: u32,
+    },
+}
+
+/// What a bake may use, and who watches it. None of it changes a bit of the field.
+pub struct Options<'a> {
+    /// Bytes of memory granted.
+    pub memory: u64,
+    /// Threads, at least 1.
+    pub threads: usize,
+    /// Set from elsewhere to stop between directions.
+    pub stop: &'a AtomicBool,
+    /// Told how far the bake has come.
+    pub progress: &'a (dyn Fn(&Progress) + Sync),
+    /// The order in which directions are taken; any order gives the same field. `None`: by id.
+    pub order: Option<Vec<u32>>,
+    /// Seconds between commits of a cycle under way.
+    pub commit_every: f64,
+}
+
+/// How far a bake has come.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    /// The phase.
+    pub phase: Phase,
+    /// Cycles finished.
+    pub cycle: u32,
+    /// Directions done in the step under way.
+    pub done: u32,
+    /// Directions in all.
+    pub directions: u32,
+    /// Unshot power as a fraction of the emitted, when the last cycle ended.
+    pub unshot: f64,
+    /// Expected number of cycles, from the fall of the unshot power, where it is known.
+    pub expected_cycles: Option<u32>,
+    /// PSFs that one direction of this step takes.
+    pub perturbations: u32,
+}
+
+/// How a bake ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The field is finished.
+    Finished,
+    /// It was stopped between directions; the same call goes on with it.
+    Stopped,
+}
+
+/// Largest fraction of a cycle's income that the ledger may leave unaccounted.
+pub const LEDGER_TOLERANCE: f64 = 1e-3;
+
+/// Most cycles that `auto` runs.
+pub const MOST_CYCLES: u32 = 200;
+
+/// Bakes a scene into a field at `path`, or goes on with the unfinished bake of the same scene and
+/// parameters that is there. What was done is committed at least every `commit_every` seconds.
+///
+/// # Errors
+/// Parameters out of range, too little memory, a field that is another's or damaged, a system that
+/// refuses, or a ledger that does not close. What was committed stays and can be gone on with.
+pub fn bake(
+    scene: &Scene,
+    parameters: &Parameters,
+    path: &Path,
+    options: &Options,
+) -> Result<Outcome, BakeError> {
+    check(parameters)?;
+    let directions = Directions::with_lines(parameters.directions)
+        .ok_or_else(|| BakeError::Parameter(no_lattice(parameters.directions)))?;
+    let texels = texels(scene, parameters);
+    let budget = cache_budget(&texels, parameters, options)?;
+    let most = scene.materials.iter().map(|m| m.emitted.max()).fold(0.0, f32::max);
+    let field = Field::create_or_resume(path, scene, parameters, exponent_for(most))?;
+    if field.manifest().phase == Phase::Finished {
+        return Ok(Outcome::Finished);
+    }
+    cycle::Bake::new(scene, &texels, &directions, field, most, budget, options)?.run(Instant::now())
+}
+
+/// The texels of a scene at a bake's resolution.
+pub fn texels(scene: &Scene, parameters: &Parameters) -> Texels {
+    let cell = 2.0 / parameters.resolution as f32;
+    Texels::new(scene, cell * parameters.texel_cells as f32)
+}
+
+/// Texture maps before the first cycle: what the surfaces emit, two values a texel.
+pub fn emission(scene: &Scene, texels: &Texels) -> Vec<Rgb> {
+    let mut values = vec![Rgb::BLACK; 2 * texels.len()];
+    for texel in 0..texels.diffuse as usize {
+        let id = crate::ids::SurfaceId(texels.surface_of[texel]);
+        values[2 * texel] = scene.material_of(id).emitted;
+    }
+    values
+}
+
+fn no_lattice(lines: u32) -> String {
+    format!(
+        "--directions {lines}: there is no lattice of that many lines; \
+         choose 9, 33, 129, 513, 2049, 8193, 32769, 131073 or 524289"
+    )
+}
+
+fn check(p: &Parameters) -> Result<(), BakeError> {
+    let bad = |what: String| Err(BakeError::Parameter(what));
+    if p.resolution == 0 || p.resolution > limits::RESOLUTION {
+        return bad(format!("--resolution {}: 1 to {}", p.resolution, limits::RESOLUTION));
+    }
+    if p.tile == 0 || p.tile > limits::TILE || p.resolution % p.tile != 0 {
+        let most = limits::TILE;
+        return bad(format!(
+            "--tile {}: must divide the resolution {} and be at most {most}",
+            p.tile, p.resolution
+        ));
+    }
+    if p.perturbations.is_empty() || p.perturbations.iter().any(|n| *n == 0 || *n > 4096) {
+        return bad("--perturb: 1 to 4096 for each cycle".to_owned());
+    }
+    if p.cycles.is_some_and(|c| c == 0 || c > MOST_CYCLES) {
+        return bad(format!("--cycles: 1 to {MOST_CYCLES}, or auto"));
+    }
+    if !(0.1..=100.0).contains(&p.texel_cells) || !(p.unshot_fraction > 0.0) {
+        return bad("texel edge or unshot fraction out of range".to_owned());
+    }
+    Ok(())
+}
+
+/// Bytes left for the page cache when texture maps, sums and scratch have theirs.
+fn cache_budget(texels: &Texels, p: &Parameters, options: &Options) -> Result<u64, BakeError> {
+    let values = 2 * texels.len() as u64;
+    // Sums of every worker and of the field, current maps in fixed point, P^T, P^C and P^N.
+    let maps = values * (32 * (options.threads as u64 + 2) + 3 * 12);
+    // Fragments of a PSF (eight to a cell is more than rooms have), tile maps under way.
+    let cells = u64::from(p.resolution) * u64::from(p.resolution);
+    let scratch = options.threads as u64 * cells * (4 + 8 * 8 + 64);
+    let fixed = maps + scratch + (16 << 20);
+    let smallest = fixed + (8 << 20);
+    if options.memory < smallest {
+        let words = |bytes: u64| bytesize::ByteSize::b(bytes).display().iec().to_string();
+        return Err(BakeError::Memory {
+            needs: words(smallest.next_multiple_of(1 << 20)),
+            granted: words(options.memory),
+            resolution: p.resolution,
+        });
+    }
+    Ok(options.memory - fixed)
+}
+
+impl From<Fault> for BakeError {
+    fn from(fault: Fault) -> BakeError {
+        BakeError::Field(FieldError::Format(fault.in_file("sums")))
+    }
+}
+
+/// Adds what a run took to a bake's figures.
+fn count_run(statistics: &mut Statistics, tally: &ledger::Tally) {
+    statistics.fragments += tally.fragments;
+    statistics.pairs += tally.pairs;
+    statistics.gathers += tally.gathers;
+    statistics.holes += tally.holes;
+}

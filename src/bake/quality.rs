@@ -1,0 +1,26 @@
+//! Quality presets: how many perturbed PSFs each cycle spends.
+//!
+//! Light falls from bounce to bounce and what it shows grows smoother, so the first cycles get the
+//! most lines (section 5: "perturbing the initial few is generally adequate").
+
+/// A preset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// The bare lattice: seconds.
+    Draft,
+    /// Soft shadows without bands that the eye finds.
+    Preview,
+    /// As many lines as a reference picture deserves.
+    Final,
+}
+
+impl Quality {
+    /// PSFs that each direction stands for, cycle by cycle; the last number counts for all later ones.
+    pub fn perturbations(self) -> Vec<u32> {
+        match self {
+            Quality::Draft => vec![1],
+            Quality::Preview => vec![8, 4, 2, 1],
+            Quality::Final => vec![64, 16, 8, 4],
+        }
+    }
+}
