@@ -9,7 +9,39 @@ use crate::radiance::Rgb;
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
+pub use error::SceneError;
+pub use report::{Counts, Note, NoteKind, Report};
+
+mod error;
+
+mod report;
+
+mod scan;
+
+mod scan_mtl;
+
+mod material;
+
+mod outline;
+
+pub mod triangulate;
+
+mod flat;
+
+mod overlap;
+
+mod merge;
+
+mod read;
+
+#[cfg(test)]
+mod tests;
+
 pub mod camera;
+
+pub mod bundled;
+
+pub mod boxes;
 
 pub mod texels;
 
