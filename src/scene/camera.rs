@@ -1,7 +1,16 @@
-//! The pinhole camera, in the scene's own units, and its JSON file.
+//! The pinhole camera, in the scene's own units, its JSON file, and its rays in the unit ball.
 
-use glam::DVec3;
+use super::Fit;
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Most pixels along a row or column.
+const MOST_EDGE: u32 = 16384;
+
+/// Most pixels of a picture.
+const MOST_PIXELS: u64 = 1 << 28;
 
 /// A pinhole camera. The picture is `width` x `height` pixels; `vfov_deg` is the full vertical angle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,4 +27,176 @@ pub struct Camera {
     pub width: u32,
     /// Rows.
     pub height: u32,
+}
+
+/// Why a camera was refused.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CameraError {
+    /// The file could not be read.
+    #[error("{}: cannot be read: {source}; give the path of a camera file", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Not JSON, or not a camera's.
+    #[error(
+        "not a camera: {0}; write {{\"eye\":[x,y,z],\"target\":[x,y,z],\"up\":[x,y,z],\
+         \"vfov_deg\":d,\"width\":w,\"height\":h}}"
+    )]
+    Json(#[from] serde_json::Error),
+    /// A field whose value cannot be.
+    #[error("camera field `{field}` is {value}: {message}")]
+    Field {
+        /// The field.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What it must be.
+        message: &'static str,
+    },
+    /// Any of the others, in a file.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with its contents.
+        source: Box<CameraError>,
+    },
+}
+
+impl Camera {
+    /// Reads a camera from JSON and checks it. Fields that a camera does not have are left alone.
+    ///
+    /// # Errors
+    /// [`CameraError::Json`], or [`CameraError::Field`] as [`Camera::check`] finds it.
+    pub fn from_json(text: &str) -> Result<Camera, CameraError> {
+        let camera: Camera = serde_json::from_str(text)?;
+        camera.check()?;
+        Ok(camera)
+    }
+
+    /// Reads a camera file; see [`Camera::from_json`].
+    ///
+    /// # Errors
+    /// [`CameraError::Read`] or [`CameraError::File`].
+    pub fn open(path: &Path) -> Result<Camera, CameraError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| CameraError::Read { path: path.to_owned(), source })?;
+        Camera::from_json(&text)
+            .map_err(|e| CameraError::File { path: path.to_owned(), source: Box::new(e) })
+    }
+
+    /// Checks that the camera can take a picture: all numbers finite, the eye away from the target,
+    /// `up` across the view, the angle in (0, 180), 1 to 16384 pixels a side and at most 2^28 in all.
+    ///
+    /// # Errors
+    /// [`CameraError::Field`] with the first field that fails.
+    pub fn check(&self) -> Result<(), CameraError> {
+        let require = |holds: bool, field, value: String, message| {
+            if holds { Ok(()) } else { Err(CameraError::Field { field, value, message }) }
+        };
+        for (field, v) in [("eye", self.eye), ("target", self.target), ("up", self.up)] {
+            let bounded = v.abs().max_element() <= 1e30 && v.is_finite();
+            require(bounded, field, v.to_string(), "every coordinate must be finite")?;
+        }
+        let view = self.target - self.eye;
+        let apart = view.length() > 1e-12 * self.eye.length() && view.length() > 0.0;
+        require(apart, "target", self.target.to_string(), "it must not be where the eye is")?;
+        let up = self.up.normalize_or_zero();
+        let message = "it must not be zero, nor along the view from `eye` to `target`";
+        let across = up.cross(view.normalize_or_zero()).length() > 1e-6;
+        require(across, "up", self.up.to_string(), message)?;
+        let angle = self.vfov_deg > 0.0 && self.vfov_deg < 180.0;
+        let message = "the vertical angle must lie between 0 and 180 degrees";
+        require(angle, "vfov_deg", self.vfov_deg.to_string(), message)?;
+        for (field, n) in [("width", self.width), ("height", self.height)] {
+            let fits = (1..=MOST_EDGE).contains(&n);
+            require(fits, field, n.to_string(), "it must lie between 1 and 16384 pixels")?;
+        }
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        let value = format!("{} x {}", self.width, self.height);
+        let message = "a picture may have at most 268435456 pixels";
+        require(pixels <= MOST_PIXELS, "width x height", value, message)
+    }
+
+    /// The camera in the unit ball of a fitted scene.
+    pub fn view(&self, fit: &Fit) -> View {
+        let forward = (self.target - self.eye).normalize_or(-DVec3::Z);
+        let right = forward.cross(self.up).normalize_or(forward.any_orthonormal_vector());
+        let pixel = 2.0 * (0.5 * self.vfov_deg.to_radians()).tan() / f64::from(self.height);
+        let across = right * pixel;
+        let down = forward.cross(right) * pixel;
+        let middle = [self.width, self.height].map(|n| 0.5 * f64::from(n));
+        let corner = forward - across * middle[0] - down * middle[1];
+        View { origin: fit.to_unit(self.eye), corner, across, down }
+    }
+}
+
+/// A camera fitted to the unit ball: from places in the picture to rays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// The eye, in the fitted scene's units; it may be outside the ball.
+    pub origin: Vec3,
+    /// Towards the top left corner of the picture.
+    corner: DVec3,
+    /// One pixel to the right.
+    across: DVec3,
+    /// One pixel down.
+    down: DVec3,
+}
+
+impl View {
+    /// The ray through a place in the picture, in pixels from its top left corner: the middle of the
+    /// first pixel is at (0.5, 0.5). Origin and unit direction, in the unit ball.
+    pub fn ray(&self, px: f64, py: f64) -> (Vec3, Vec3) {
+        let direction = self.corner + self.across * px + self.down * py;
+        (self.origin, direction.normalize().as_vec3())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"{"eye":[0,0,5],"target":[0,0,0],"up":[0,1,0],"vfov_deg":90,
+        "width":4,"height":2,"scene":"unknown fields do no harm"}"#;
+
+    #[test]
+    fn image_right_is_plus_x_looking_down_minus_z() {
+        let fit = Fit { centre: DVec3::new(0.0, 0.0, 1.0), radius: 2.0 };
+        let view = Camera::from_json(GOOD).unwrap().view(&fit);
+        let (origin, middle) = view.ray(2.0, 1.0);
+        assert_eq!(origin, Vec3::new(0.0, 0.0, 2.0));
+        assert!(middle.distance(-Vec3::Z) < 1e-6);
+        // The top middle is 45 degrees up; the right edge twice as far out.
+        assert!(view.ray(2.0, 0.0).1.distance(Vec3::new(0.0, 1.0, -1.0).normalize()) < 1e-6);
+        assert!(view.ray(4.0, 1.0).1.distance(Vec3::new(2.0, 0.0, -1.0).normalize()) < 1e-6);
+    }
+
+    #[test]
+    fn a_bad_camera_names_its_field_and_value() {
+        let cases = [
+            ("\"vfov_deg\":90", "\"vfov_deg\":180", "`vfov_deg` is 180"),
+            ("\"vfov_deg\":90", "\"vfov_deg\":0", "`vfov_deg` is 0"),
+            ("[0,0,0]", "[0,0,5]", "`target` is [0, 0, 5]"),
+            ("[0,1,0]", "[0,0,2]", "`up` is [0, 0, 2]"),
+            ("[0,1,0]", "[0,0,0]", "`up` is [0, 0, 0]"),
+            ("[0,1,0]", "[0,1e300,0]", "`up` is"),
+            ("\"width\":4", "\"width\":0", "`width` is 0"),
+            ("\"height\":2", "\"height\":16385", "`height` is 16385"),
+            ("\"width\":4,\"height\":2", "\"width\":16384,\"height\":16385", "`height`"),
+            ("[0,0,5]", "[0,0,1e999]", "not a camera"),
+            ("[0,0,5]", "[0,0]", "not a camera"),
+            ("\"eye\"", "\"I\"", "missing field `eye`"),
+            ("\"width\":4", "\"width\":-4", "not a camera"),
+        ];
+        for (from, to, message) in cases {
+            let text = GOOD.replace("\n        ", "").replace(from, to);
+            let error = Camera::from_json(&text).unwrap_err().to_string();
+            assert!(error.contains(message), "{to}: {error}");
+        }
+    }
 }

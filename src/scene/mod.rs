@@ -9,13 +9,45 @@ use crate::radiance::Rgb;
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-pub mod areas;
+pub use error::SceneError;
+pub use report::{Counts, Note, NoteKind, Report};
+
+mod error;
+
+mod report;
+
+mod scan;
+
+mod scan_mtl;
+
+mod material;
+
+mod outline;
+
+pub mod triangulate;
+
+mod flat;
+
+mod overlap;
+
+mod merge;
+
+mod read;
+
+#[cfg(test)]
+mod tests;
 
 pub mod camera;
 
-pub mod stored;
+pub mod bundled;
+
+pub mod boxes;
 
 pub mod texels;
+
+pub mod areas;
+
+pub mod stored;
 
 /// A resolved scene, fitted to the unit ball about the origin.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,0 +1,214 @@
+//! Polygons to surfaces: coplanar polygons of one material that share edges become one.
+//!
+//! Regions grow from the largest polygon left over shared edges, and every corner is held against one
+//! plane for the whole region, so that a finely divided curve cannot creep into one surface.
+//! O(n log n) in the corners; the same scene gives the same surfaces in the same order.
+
+use super::flat::{FLAT, Flat};
+use super::overlap::overlap;
+use super::{Polygon, Surface};
+use crate::ids::MaterialId;
+use glam::{DVec2, DVec3, Vec2, Vec3};
+use std::collections::HashSet;
+
+/// Neighbours whose normals differ by more than this cosine are not compared any further.
+const ALIGNED: f64 = 0.999;
+
+/// How often a region's plane is fitted again; each time its reach grows severalfold.
+const MOST_FITS: usize = 16;
+
+/// Edges shared by more polygons than this are not merged over: comparing all pairs is quadratic.
+const MOST_AT_AN_EDGE: usize = 16;
+
+/// Merges polygons into surfaces, in the order of each surface's first polygon.
+pub(super) fn merge(points: &[DVec3], flats: &[Flat]) -> Vec<Surface> {
+    let neighbours = Neighbours::new(flats);
+    let mut seeds: Vec<u32> = (0..flats.len() as u32).collect();
+    // A large polygon's plane is the surest. Areas are finite.
+    seeds.sort_by(|&a, &b| {
+        flats[b as usize].area.total_cmp(&flats[a as usize].area).then(a.cmp(&b))
+    });
+    let mut taken = vec![false; flats.len()];
+    let mut groups: Vec<Vec<u32>> = Vec::new();
+    for seed in seeds {
+        if taken[seed as usize] {
+            continue;
+        }
+        let mut group = grow(points, flats, &neighbours, &mut taken, seed);
+        group.sort_unstable();
+        if group.len() > 2 && overlaps(points, flats, &group) {
+            groups.extend(group.into_iter().map(|p| vec![p]));
+        } else {
+            groups.push(group);
+        }
+    }
+    groups.sort_unstable_by_key(|group| group[0]);
+    groups.iter().map(|group| surface(points, flats, group)).collect()
+}
+
+/// The polygons reached from a seed over shared edges that lie in one plane with it, within [`FLAT`].
+///
+/// The plane of a small seed is not sure enough to reach across a large wall, so it is fitted again to
+/// what has been found, and kept as long as everything found lies in it.
+fn grow(
+    points: &[DVec3],
+    flats: &[Flat],
+    neighbours: &Neighbours,
+    taken: &mut [bool],
+    seed: u32,
+) -> Vec<u32> {
+    taken[seed as usize] = true;
+    let mut group = vec![seed];
+    for _ in 0..MOST_FITS {
+        let found = group.len();
+        let (normal, middle) = plane_of(points, flats, &group);
+        let lies_in = |polygon: u32| {
+            let mut corners = flats[polygon as usize].corners.iter();
+            corners.all(|c| (points[*c as usize] - middle).dot(normal).abs() <= FLAT)
+        };
+        if !group.iter().all(|p| lies_in(*p)) {
+            break;
+        }
+        let mut next = 0;
+        while next < group.len() {
+            for &other in neighbours.of(group[next]) {
+                let aligned = flats[other as usize].normal.dot(normal) > ALIGNED;
+                if !taken[other as usize] && aligned && lies_in(other) {
+                    taken[other as usize] = true;
+                    group.push(other);
+                }
+            }
+            next += 1;
+        }
+        if group.len() == found {
+            break;
+        }
+    }
+    group
+}
+
+/// The plane that fits some polygons: unit normal by area, and the mean of the corners.
+fn plane_of(points: &[DVec3], flats: &[Flat], group: &[u32]) -> (DVec3, DVec3) {
+    let members = || group.iter().map(|p| &flats[*p as usize]);
+    let normal = members().map(|f| f.normal * f.area).sum::<DVec3>();
+    let corners = members().flat_map(|f| f.corners.iter().map(|c| points[*c as usize]));
+    let count = members().map(|f| f.corners.len()).sum::<usize>() as f64;
+    (normal.normalize_or(flats[group[0] as usize].normal), corners.sum::<DVec3>() / count)
+}
+
+/// Which polygons share an edge and could be one surface.
+struct Neighbours {
+    /// Where each polygon's neighbours start in `list`; one more at the end.
+    starts: Vec<u32>,
+    list: Vec<u32>,
+}
+
+impl Neighbours {
+    fn new(flats: &[Flat]) -> Neighbours {
+        // Every edge as (lower corner, higher corner, polygon, whether it runs upwards).
+        let mut edges: Vec<(u32, u32, u32, bool)> = Vec::new();
+        for (i, flat) in flats.iter().enumerate() {
+            for (a, b) in edges_of(flat) {
+                edges.push((a.min(b), a.max(b), i as u32, a < b));
+            }
+        }
+        edges.sort_unstable();
+        let mut pairs: Vec<(u32, u32)> = Vec::new();
+        for shared in edges.chunk_by(|e, f| (e.0, e.1) == (f.0, f.1)) {
+            if shared.len() > MOST_AT_AN_EDGE {
+                continue;
+            }
+            // Two polygons that run along an edge in opposite senses lie on its two sides. Where a
+            // third one matches as well, two of them overlap and none is merged.
+            let partners = |e: &(u32, u32, u32, bool)| {
+                let flat = &flats[e.2 as usize];
+                let mut fitting = shared.iter().filter(move |o| {
+                    let other = &flats[o.2 as usize];
+                    o.2 != e.2
+                        && o.3 != e.3
+                        && other.material == flat.material
+                        && other.normal.dot(flat.normal) > ALIGNED
+                });
+                fitting.next().filter(|_| fitting.next().is_none())
+            };
+            for edge in shared {
+                if let Some(other) = partners(edge)
+                    && partners(other).is_some_and(|back| back == edge)
+                {
+                    pairs.push((edge.2, other.2));
+                }
+            }
+        }
+        pairs.sort_unstable();
+        let mut starts = vec![0u32; flats.len() + 1];
+        for &(from, _) in &pairs {
+            starts[from as usize + 1] += 1;
+        }
+        for i in 0..flats.len() {
+            starts[i + 1] += starts[i];
+        }
+        Neighbours { starts, list: pairs.into_iter().map(|(_, to)| to).collect() }
+    }
+
+    fn of(&self, polygon: u32) -> &[u32] {
+        let i = polygon as usize;
+        &self.list[self.starts[i] as usize..self.starts[i + 1] as usize]
+    }
+}
+
+fn edges_of(flat: &Flat) -> impl Iterator<Item = (u32, u32)> {
+    let c = &flat.corners;
+    (0..c.len()).map(move |i| (c[i], c[(i + 1) % c.len()]))
+}
+
+/// Whether any two polygons of a group overlap in its plane: a plane winding over itself can.
+fn overlaps(points: &[DVec3], flats: &[Flat], group: &[u32]) -> bool {
+    let normal: DVec3 = group.iter().map(|p| flats[*p as usize].normal).sum();
+    let (u, v) = normal.normalize_or(DVec3::Z).any_orthonormal_pair();
+    let loops: Vec<Vec<DVec2>> = group
+        .iter()
+        .map(|p| {
+            let corners = flats[*p as usize].corners.iter().map(|c| points[*c as usize]);
+            corners.map(|p| DVec2::new(p.dot(u), p.dot(v))).collect()
+        })
+        .collect();
+    overlap(&loops, FLAT)
+}
+
+/// One surface of a group of polygons, its axes along the longest edge of its boundary.
+fn surface(points: &[DVec3], flats: &[Flat], group: &[u32]) -> Surface {
+    let members = || group.iter().map(|p| &flats[*p as usize]);
+    let corners = || members().flat_map(|f| f.corners.iter().map(|c| points[*c as usize]));
+    let (normal, middle) = plane_of(points, flats, group);
+
+    // Inner edges run both ways; diagonals of divided rectangles are among them.
+    let all: HashSet<(u32, u32)> =
+        if group.len() > 1 { members().flat_map(edges_of).collect() } else { HashSet::new() };
+    let mut along = DVec3::ZERO;
+    for (a, b) in members().flat_map(edges_of) {
+        let edge = points[b as usize] - points[a as usize];
+        // A little more, so that rounding does not choose between equal edges.
+        if edge.length() > along.length() * (1.0 + 1e-5) && !all.contains(&(b, a)) {
+            along = edge;
+        }
+    }
+    let along = along - normal * along.dot(normal);
+    let u = along.normalize_or(normal.any_orthonormal_vector());
+    let v = normal.cross(u);
+    let plane = |p: DVec3| DVec2::new((p - middle).dot(u), (p - middle).dot(v));
+    let low = corners().map(plane).fold(DVec2::INFINITY, DVec2::min);
+    let high = corners().map(plane).fold(DVec2::NEG_INFINITY, DVec2::max);
+    let extent: Vec2 = (high - low).as_vec2();
+    let polygons = members().map(|f| Polygon {
+        vertices: f.corners.iter().map(|c| points[*c as usize].as_vec3()).collect::<Vec<Vec3>>(),
+    });
+    Surface {
+        material: MaterialId(flats[group[0] as usize].material),
+        normal: normal.as_vec3(),
+        origin: (middle + u * low.x + v * low.y).as_vec3(),
+        u: u.as_vec3(),
+        v: v.as_vec3(),
+        extent,
+        polygons: polygons.collect(),
+    }
+}

@@ -1,0 +1,267 @@
+//! OBJ with MTL to a [`Scene`]: checked text through `tobj`, then polygons, fit, surfaces, materials.
+
+use super::error::SceneError;
+use super::flat::{self, Face, Flat, Tallies};
+use super::material;
+use super::merge::merge;
+use super::report::{Counts, Note, NoteKind, Report};
+use super::scan::{ObjScan, scan_obj};
+use super::scan_mtl::{Definition, scan_mtl};
+use super::{Material, Scene};
+use glam::DVec3;
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::{self, Read};
+use std::panic::catch_unwind;
+use std::path::Path;
+
+/// The most bytes of OBJ and MTL together.
+const MOST_BYTES: u64 = 2 << 30;
+
+/// The most material libraries a scene may name.
+const MOST_LIBRARIES: usize = 1024;
+
+impl Scene {
+    /// Reads a Wavefront OBJ and the MTL files it names, which are looked for beside it.
+    ///
+    /// # Errors
+    /// Anything that cannot be taken as it stands and has no harmless substitute, with file and line
+    /// where there is one: see [`SceneError`]. What has a substitute is named in the [`Report`].
+    pub fn open(path: &Path) -> Result<(Scene, Report), SceneError> {
+        let mut left = MOST_BYTES;
+        let text = read_text(path, &mut left).map_err(|source| match source.kind() {
+            io::ErrorKind::FileTooLarge => SceneError::TooLarge {
+                path: path.to_owned(),
+                what: "size in bytes",
+                found: path.metadata().map_or(MOST_BYTES + 1, |m| m.len()),
+                limit: MOST_BYTES,
+            },
+            _ => SceneError::Read { path: path.to_owned(), source },
+        })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Scene::from_text(path, &text, &mut |name| read_text(&folder.join(name), &mut left))
+    }
+
+    /// Reads a scene from OBJ text; `library` gives the text of a material library by the name that
+    /// the OBJ has for it. `path` stands in messages only.
+    ///
+    /// # Errors
+    /// As [`Scene::open`].
+    pub fn from_text(
+        path: &Path,
+        obj: &str,
+        library: &mut dyn FnMut(&str) -> io::Result<String>,
+    ) -> Result<(Scene, Report), SceneError> {
+        let scan = scan_obj(path, obj)?;
+        let (definitions, mtl) = libraries(path, &scan, library)?;
+        let (positions, faces, read) = through_tobj(path, &scan, &mtl)?;
+        let empty = || SceneError::Empty { path: path.to_owned() };
+        let fit = flat::fit(&positions, &faces).ok_or_else(empty)?;
+        let (points, welded) = flat::weld(&positions, &fit);
+        let points: Vec<DVec3> = points.iter().map(|p| p.as_dvec3()).collect();
+
+        let mut tallies = Tallies { no_area: scan.too_few, ..Tallies::default() };
+        let mut flats: Vec<Flat> = Vec::with_capacity(faces.len());
+        for mut face in faces {
+            face.corners.iter_mut().for_each(|c| *c = welded[*c as usize]);
+            flat::resolve(&points, &face, &mut tallies, &mut flats);
+        }
+        if flats.is_empty() {
+            return Err(empty());
+        }
+        let file = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+        let (materials, mut notes) = materials(&file, &scan, &definitions, &read, &mut flats);
+        notes.extend(face_notes(&file, &tallies));
+        if materials.iter().all(|m| m.emitted.is_black()) {
+            let library = scan.libraries.first().map_or("its MTL file", |(name, _)| name);
+            return Err(SceneError::NoEmitter {
+                path: path.to_owned(),
+                library: library.to_owned(),
+            });
+        }
+        let scene = Scene { surfaces: merge(&points, &flats), materials, fit };
+        let counts = count(&scene, points.len(), &flats);
+        Ok((scene, Report { counts, notes }))
+    }
+}
+
+/// Reads a regular file whole, taking its size from what is left; bytes that are not UTF-8 (comments
+/// in old encodings) are replaced.
+fn read_text(path: &Path, left: &mut u64) -> io::Result<String> {
+    // Pipes and devices may never end.
+    if !path.metadata()?.is_file() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
+    }
+    let mut bytes = Vec::new();
+    File::open(path)?.take(*left + 1).read_to_end(&mut bytes)?;
+    *left = left.checked_sub(bytes.len() as u64).ok_or_else(|| {
+        io::Error::new(io::ErrorKind::FileTooLarge, "the scene's files exceed 2 GiB together")
+    })?;
+    String::from_utf8(bytes).or_else(|e| Ok(String::from_utf8_lossy(e.as_bytes()).into_owned()))
+}
+
+/// Reads and checks the material libraries: where each used material is defined, and clean MTL text.
+fn libraries(
+    path: &Path,
+    scan: &ObjScan,
+    library: &mut dyn FnMut(&str) -> io::Result<String>,
+) -> Result<(Vec<Option<Definition>>, String), SceneError> {
+    let numbers: HashMap<&str, usize> =
+        scan.uses.iter().enumerate().map(|(i, (name, _))| (name.as_str(), i)).collect();
+    let mut definitions = vec![None; scan.uses.len()];
+    let mut clean = String::new();
+    let folder = path.parent().unwrap_or(Path::new(""));
+    if scan.libraries.len() > MOST_LIBRARIES {
+        return Err(SceneError::TooLarge {
+            path: path.to_owned(),
+            what: "number of material libraries",
+            found: scan.libraries.len() as u64,
+            limit: MOST_LIBRARIES as u64,
+        });
+    }
+    for (rest, line) in &scan.libraries {
+        let mut take = |name: &str| {
+            // Paths written under Windows.
+            let name = name.replace('\\', "/");
+            library(&name).map(|text| (name, text))
+        };
+        let missing = |source| SceneError::Library {
+            path: path.to_owned(),
+            line: *line,
+            library: rest.clone(),
+            source,
+        };
+        // The rest of the line is one name with spaces, or else several names.
+        let found = match take(rest) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound && rest.contains(' ') => rest
+                .split_ascii_whitespace()
+                .take(MOST_LIBRARIES)
+                .map(take)
+                .collect::<io::Result<Vec<_>>>()
+                .map_err(|_| missing(e))?,
+            other => vec![other.map_err(missing)?],
+        };
+        for (name, text) in found {
+            scan_mtl(&folder.join(name), &text, &numbers, &mut definitions, &mut clean)?;
+        }
+    }
+    Ok((definitions, clean))
+}
+
+type Parsed = (Vec<DVec3>, Vec<Face>, HashMap<usize, tobj::Material>);
+
+/// Puts the clean text through the OBJ reader. A face's material is its number in `scan.uses`, or
+/// their count for faces without a defined one.
+fn through_tobj(path: &Path, scan: &ObjScan, mtl: &str) -> Result<Parsed, SceneError> {
+    let failed = |message: String| SceneError::Reader { path: path.to_owned(), message };
+    let options =
+        tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
+    // The reader panics on some texts. None of ours should, but the text comes from outside.
+    let read = catch_unwind(|| {
+        tobj::load_obj_buf(&mut scan.clean.as_bytes(), &options, |_| {
+            tobj::load_mtl_buf(&mut mtl.as_bytes())
+        })
+    });
+    let (models, materials) =
+        read.map_err(|_| failed("it panicked".to_owned()))?.map_err(|e| failed(e.to_string()))?;
+    let materials = materials.map_err(|e| failed(e.to_string()))?;
+    let numbers: Vec<usize> =
+        materials.iter().map(|m| m.name.parse().unwrap_or(scan.uses.len())).collect();
+    let mut positions: Vec<DVec3> = Vec::new();
+    let mut faces: Vec<Face> = Vec::with_capacity(scan.face_lines.len());
+    let mut lines = scan.face_lines.iter().copied();
+    for tobj::Model { mesh, .. } in &models {
+        let first = positions.len() as u32;
+        positions.extend(mesh.positions.chunks_exact(3).map(DVec3::from_slice));
+        let material = mesh.material_id.and_then(|m| numbers.get(m).copied());
+        let material = material.unwrap_or(scan.uses.len()) as u32;
+        let mut rest = &mesh.indices[..];
+        let mut arities = mesh.face_arities.iter();
+        while !rest.is_empty() {
+            // No arities at all stand for triangles only.
+            let arity = arities.next().map_or(3, |a| *a as usize);
+            let (corners, after) = rest
+                .split_at_checked(arity.max(1))
+                .ok_or_else(|| failed("faces do not match their corners".to_owned()))?;
+            rest = after;
+            let line = lines.next().unwrap_or(0);
+            let corners = corners.iter().map(|c| first + c).collect();
+            faces.push(Face { corners, material, line });
+        }
+    }
+    Ok((positions, faces, numbers.into_iter().zip(materials).collect()))
+}
+
+/// Classifies the materials that polygons have, renumbers them, and notes what was not taken as written.
+fn materials(
+    file: &str,
+    scan: &ObjScan,
+    definitions: &[Option<Definition>],
+    read: &HashMap<usize, tobj::Material>,
+    flats: &mut [Flat],
+) -> (Vec<Material>, Vec<Note>) {
+    let mut used = vec![false; scan.uses.len() + 1];
+    flats.iter().for_each(|f| used[f.material as usize] = true);
+    let mut renumbered = vec![0u32; used.len()];
+    let (mut out, mut notes) = (Vec::new(), Vec::new());
+    for (number, (name, line)) in scan.uses.iter().enumerate() {
+        if let (Some(definition), Some(material)) = (&definitions[number], read.get(&number)) {
+            if used[number] {
+                renumbered[number] = out.len() as u32;
+                let (material, said) = material::classify(name, material, definition);
+                out.push(material);
+                notes.extend(said);
+            }
+        } else {
+            notes.push(Note {
+                kind: NoteKind::UndefinedMaterial,
+                subject: format!("material `{name}`"),
+                file: file.to_owned(),
+                line: *line,
+                text: "no material library defines it, taken as diffuse 0.80 0.80 0.80".to_owned(),
+            });
+        }
+    }
+    if used[scan.uses.len()] {
+        renumbered[scan.uses.len()] = out.len() as u32;
+        out.push(material::unknown("(none)"));
+    }
+    notes.extend(scan.no_material.note(
+        NoteKind::NoMaterial,
+        file,
+        "no `usemtl` before them, taken as diffuse 0.80 0.80 0.80",
+    ));
+    flats.iter_mut().for_each(|f| f.material = renumbered[f.material as usize]);
+    (out, notes)
+}
+
+fn face_notes(file: &str, tallies: &Tallies) -> impl Iterator<Item = Note> {
+    use NoteKind::{NoArea, NotPlanar, SelfIntersecting, SelfTouching};
+    [
+        tallies.no_area.note(NoArea, file, "no area, dropped"),
+        tallies.crossing.note(SelfIntersecting, file, "the outline crosses itself, dropped"),
+        tallies.touching.note(
+            SelfTouching,
+            file,
+            "the outline touches itself, split into triangles",
+        ),
+        tallies.not_planar.note(NotPlanar, file, "not planar, split into triangles"),
+    ]
+    .into_iter()
+    .flatten()
+}
+
+fn count(scene: &Scene, points: usize, flats: &[Flat]) -> Counts {
+    let mut seen = vec![false; points];
+    flats.iter().flat_map(|f| &f.corners).for_each(|c| seen[*c as usize] = true);
+    let with = |test: &dyn Fn(&Material) -> bool| {
+        scene.surface_ids().filter(|id| test(scene.material_of(*id))).count()
+    };
+    Counts {
+        vertices: seen.iter().filter(|s| **s).count(),
+        polygons: flats.len(),
+        surfaces: scene.surfaces.len(),
+        emitters: with(&|m| !m.emitted.is_black()),
+        mirrors: with(&|m| m.reflectance.is_mirror()),
+    }
+}
