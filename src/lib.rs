@@ -10,6 +10,8 @@ pub mod psf;
 
 pub mod scene;
 
+pub mod look;
+
 pub use directions::Directions;
 pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SurfaceId, TileId};
 pub use psf::Psf;

@@ -13,6 +13,8 @@ pub mod camera;
 
 pub mod texels;
 
+pub mod triangulate;
+
 /// A resolved scene, fitted to the unit ball about the origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
