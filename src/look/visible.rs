@@ -22,6 +22,10 @@ const WIDENING: f64 = 2e-7;
 /// How far the boxes of the hierarchy are widened: the rounding of a ray's own arithmetic in f32.
 const BOX_WIDENING: f32 = 2e-6;
 
+/// How much earlier a ray starts for the boxes: the wide hierarchy takes no box that ends nearer than
+/// 1e-4 to a ray's origin, and so would lose the neighbouring wall of a ray that starts in a corner.
+const HEAD_START: f32 = 2.5e-4;
+
 /// An eye nearer to a surface than this, in the fitted scene's units, lies on it.
 pub const TOUCHING: f32 = 1e-5;
 
@@ -86,7 +90,8 @@ impl Visible {
         Visible { bvh: hierarchy(&triangles), facets, planes: planes.collect() }
     }
 
-    /// The first surface that the ray meets at `t_min` or farther, in lengths of `dir`.
+    /// The first surface that the ray meets at `t_min` or farther, in lengths of `dir`; `t_min` is
+    /// not negative.
     pub fn nearest(&self, origin: Vec3, dir: Vec3, t_min: f32) -> Option<Hit> {
         self.nearest_but(origin, dir, t_min, None)
     }
@@ -103,7 +108,8 @@ impl Visible {
         let dir = dir + Vec3::ZERO;
         let but = but.map_or(u32::MAX, |s| s.0);
         let (o, d) = (origin.as_dvec3(), dir.as_dvec3());
-        let ray = Ray::new(Vec3A::from(origin), Vec3A::from(dir), t_min, f32::INFINITY);
+        let start = Vec3A::from(origin - dir * HEAD_START);
+        let ray = Ray::new(start, Vec3A::from(dir), 0.0, f32::INFINITY);
         let mut found = RayHit::none();
         let mut best = f64::INFINITY;
         let mut surface = u32::MAX;
@@ -117,7 +123,7 @@ impl Visible {
             let first = t < best || (t == best && facet.surface < surface);
             if t.is_finite() && t >= f64::from(t_min) && first {
                 (best, surface) = (t, facet.surface);
-                return t as f32;
+                return t as f32 + HEAD_START;
             }
             f32::INFINITY
         });
@@ -246,8 +252,9 @@ mod tests {
                 1 => d = Vec3::new(zero, d.y, d.z).normalize(),
                 _ => {}
             }
-            let all = by_looking_at_all(&visible, o, d, 0.1);
-            let hit = visible.nearest(o, d, 0.1);
+            let t_min = [0.0, 1e-6, 0.1][i % 3];
+            let all = by_looking_at_all(&visible, o, d, t_min);
+            let hit = visible.nearest(o, d, t_min);
             met += usize::from(hit.is_some());
             assert_eq!(hit.is_some(), all.is_finite(), "ray {i}: {o} {d}");
             if let Some(hit) = hit {
@@ -280,6 +287,15 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_wall_right_before_the_ray_is_seen() {
+        let visible = Visible::new(&room());
+        for gap in [1e-3, 1e-4, 1e-5, 1e-6, 0.0] {
+            let hit = visible.nearest(Vec3::new(0.1, 0.5 - gap, 0.3), Vec3::Y, 0.0).unwrap();
+            assert!((hit.distance - gap).abs() < 1e-7, "{gap}: {hit:?}");
         }
     }
 

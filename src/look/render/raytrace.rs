@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn no_ray_leaves_a_closed_room_through_a_corner() {
         // Perfect mirrors but for one white wall: a path that left the room would find black. Aim at
-        // the corners of the mirrors, and allow for paths that the depth bound ends.
+        // the corners of the mirrors, and let no bound on the depth end a path.
         let scene = with_mirrors(&[0, 1, 2, 3], 1.0, 0.0);
         let visible = Visible::new(&scene);
         let texels = Texels::new(&scene, 0.5);
@@ -166,7 +166,7 @@ mod tests {
             visible: &visible,
             texels: &texels,
             values: &values,
-            max_depth: 64,
+            max_depth: 10_000,
         };
         let mut dice = Dice(9);
         for i in 0..20_000 {
