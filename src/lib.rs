@@ -18,6 +18,8 @@ pub mod field;
 
 pub mod bake;
 
+pub mod look;
+
 pub use directions::Directions;
 pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SurfaceId, TileId};
 pub use psf::Psf;

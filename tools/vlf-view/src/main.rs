@@ -1,1 +1,81 @@
-fn main() {}
+//! `vlf-view`: a walk through a baked virtual light field.
+
+mod source;
+mod walk;
+mod window;
+
+use clap::Parser;
+use source::Method;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use vlf::Camera;
+use walk::Walk;
+use window::{HELP, Show, WindowError};
+
+/// Walks through a baked virtual light field.
+#[derive(Debug, Parser)]
+#[command(version, after_help = HELP)]
+struct Args {
+    /// The packed light field (NAME.vlf) or the field itself (NAME.field)
+    path: PathBuf,
+    /// Size of the window in pixels
+    #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = size)]
+    size: (u32, u32),
+    /// How pictures are taken
+    #[arg(long, value_enum, default_value_t = Method::Field)]
+    method: Method,
+    /// Exposure in stops: radiance times 2^EV [default: from the first frame]
+    #[arg(long, value_name = "EV", allow_negative_numbers = true, value_parser = stops)]
+    exposure: Option<f32>,
+    /// Where to start: a JSON file {"eye":[x,y,z],"target":[x,y,z],"up":[x,y,z],"vfov_deg":d,"width":w,"height":h}
+    #[arg(long, value_name = "CAM.json")]
+    camera: Option<PathBuf>,
+}
+
+fn main() -> ExitCode {
+    let args = Args::parse();
+    match view(&args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("vlf-view: {e:#}");
+            // 3 is what the program says where the machine, not the data, is at fault.
+            ExitCode::from(if e.is::<WindowError>() { 3 } else { 1 })
+        }
+    }
+}
+
+fn view(args: &Args) -> anyhow::Result<()> {
+    let source = source::open(&args.path, args.method)?;
+    let start: Camera = match &args.camera {
+        Some(path) => {
+            let named = |e: String| anyhow::anyhow!("{}: {e}", path.display());
+            let text = std::fs::read_to_string(path).map_err(|e| named(e.to_string()))?;
+            serde_json::from_str(&text).map_err(|e| named(e.to_string()))?
+        }
+        None => source.start,
+    };
+    window::run(Show {
+        title: format!("{} - F1 for help", args.path.display()),
+        walk: Walk::new(&start, source.speed),
+        size: args.size,
+        exposure: args.exposure,
+        painter: source.painter,
+    })?;
+    Ok(())
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let sides =
+        text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    match sides {
+        Some((w @ 1..=16_384, h @ 1..=16_384)) => Ok((w, h)),
+        _ => Err("expected a width and a height from 1 to 16384, such as 640x480".into()),
+    }
+}
+
+fn stops(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(ev) if ev.is_finite() && ev.abs() <= 100.0 => Ok(ev),
+        _ => Err("expected a number of stops between -100 and 100".into()),
+    }
+}

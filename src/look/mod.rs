@@ -1,0 +1,18 @@
+//! Act three: looking at a scene whose light is known.
+//!
+//! In: a [`Scene`](crate::Scene), a camera, and a function that gives the radiance of a hit. Out: a
+//! [`Picture`](image::Picture) in linear radiance, tone-mapped bitmaps, files, and measures of how
+//! far two pictures are apart. Section 6 of the paper.
+
+pub mod visible;
+
+pub mod image;
+
+pub mod tone;
+
+pub mod compare;
+
+pub mod render;
+
+#[cfg(test)]
+mod test_scenes;

@@ -1,0 +1,202 @@
+//! Pictures: rays through the pixels, and the mean of the radiance they find.
+//!
+//! In: the scene, its [`Visible`], a camera, and a function from a direction and a hit to radiance
+//! (section 6 of the paper has two). Out: a [`Picture`]. Each pixel is the plain mean over stratified
+//! points of its square, a box filter. Same bits for every run and any number of threads.
+
+use crate::look::image::Picture;
+use crate::look::visible::{Hit, Visible};
+use crate::radiance::Rgb;
+use crate::scene::{Scene, camera::Camera};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+pub mod raytrace;
+
+/// The most samples a pixel may have.
+pub const MOST_SAMPLES: u32 = 4096;
+
+/// How a picture is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Samples a pixel, `1..=4096`; a number outside is taken as the nearest inside. Powers of two
+    /// are stratified best. One sample looks through the pixel's middle.
+    pub samples: u32,
+}
+
+impl Default for Options {
+    fn default() -> Options {
+        Options { samples: 16 }
+    }
+}
+
+/// Radiance that arrives along a unit direction (pointing away from the eye) from a hit, W sr^-1 m^-2.
+pub type Radiance<'a> = dyn Fn(Vec3, &Hit) -> Rgb + Sync + 'a;
+
+/// Takes a picture, on all threads of the rayon pool it is called in. Pixels that look past the scene
+/// are black. `progress` is told the finished part, in (0, 1], row by row and from any thread.
+pub fn render(
+    scene: &Scene,
+    visible: &Visible,
+    camera: &Camera,
+    options: Options,
+    radiance: &Radiance<'_>,
+    progress: &(dyn Fn(f32) + Sync),
+) -> Picture {
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let view = camera.view(&scene.fit);
+    let places = places(options.samples.clamp(1, MOST_SAMPLES));
+    let pixel = |x: usize, y: usize| -> Rgb {
+        let seed = hash(x as u32 ^ hash(y as u32));
+        // Sums of many samples in f64: the mean of equal values is that value.
+        let mut sum = [0.0f64; 3];
+        for place in &places {
+            let [dx, dy] = if places.len() == 1 { [0.5; 2] } else { shuffled(*place, seed) };
+            let (origin, dir) = view.ray(x as f64 + dx, y as f64 + dy);
+            if let Some(hit) = visible.nearest(origin, dir, 0.0) {
+                let found = radiance(dir, &hit);
+                (0..3).for_each(|c| sum[c] += f64::from(found.0[c]));
+            }
+        }
+        Rgb(sum.map(|s| (s / places.len() as f64) as f32))
+    };
+    let mut picture = Picture::black(camera.width, camera.height);
+    let rows_done = AtomicUsize::new(0);
+    picture.pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+        for (x, out) in row.iter_mut().enumerate() {
+            *out = pixel(x, y);
+        }
+        let done = rows_done.fetch_add(1, Ordering::Relaxed) + 1;
+        progress(done as f32 / height as f32);
+    });
+    picture
+}
+
+/// The first `n` points of Sobol's (0, 2)-sequence, as 32-bit fractions of the unit square: every
+/// power of two of them has one point in each strip, square and rectangle of that area.
+fn places(n: u32) -> Vec<[u32; 2]> {
+    let second = |mut i: u32| {
+        let (mut v, mut sum) = (1u32 << 31, 0);
+        while i != 0 {
+            if i & 1 == 1 {
+                sum ^= v;
+            }
+            v ^= v >> 1;
+            i >>= 1;
+        }
+        sum
+    };
+    (0..n).map(|i| [i.reverse_bits(), second(i)]).collect()
+}
+
+/// A point of the sequence in [0, 1)^2, shuffled for one pixel without losing its strata (Owen's
+/// scrambling, by Laine and Karras' hash as corrected by Vegdahl 2021): neighbouring pixels that
+/// shared their points would show the same error side by side.
+fn shuffled(place: [u32; 2], seed: u32) -> [f64; 2] {
+    let scramble = |bits: u32, seed: u32| {
+        let mut x = bits.reverse_bits();
+        x ^= x.wrapping_mul(0x3d20_adea);
+        x = x.wrapping_add(seed);
+        x = x.wrapping_mul((seed >> 16) | 1);
+        x ^= x.wrapping_mul(0x0552_6c56);
+        x ^= x.wrapping_mul(0x53a2_2864);
+        f64::from(x.reverse_bits()) / 4_294_967_296.0
+    };
+    [scramble(place[0], seed), scramble(place[1], hash(seed))]
+}
+
+/// A well mixed 32-bit hash (Wellons' "lowbias32").
+fn hash(mut x: u32) -> u32 {
+    x = x.wrapping_add(0x9e37_79b9);
+    x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+    x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::look::test_scenes::room;
+    use glam::DVec3;
+
+    fn camera(width: u32, height: u32) -> Camera {
+        Camera {
+            eye: DVec3::new(0.0, 0.0, 0.4),
+            target: DVec3::new(0.05, -0.02, -0.5),
+            up: DVec3::Y,
+            vfov_deg: 70.0,
+            width,
+            height,
+        }
+    }
+
+    /// Each wall in a colour of its own, shaded by the angle.
+    fn shade(dir: Vec3, hit: &Hit) -> Rgb {
+        Rgb([hit.surface.0 as f32 * 0.1, dir.z.abs(), hit.distance])
+    }
+
+    #[test]
+    fn the_points_are_stratified_before_and_after_the_shuffle() {
+        for n in [1u32, 4, 16, 64] {
+            let points = places(n);
+            let side = f64::from(n).sqrt().round();
+            for seed in [0, 1, 0xdead_beef] {
+                let mut squares = vec![0; n as usize];
+                let mut columns = vec![0; n as usize];
+                for p in &points {
+                    let [x, y] = shuffled(*p, seed);
+                    assert!((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y));
+                    squares[((y * side).floor() * side + (x * side).floor()) as usize] += 1;
+                    columns[(x * f64::from(n)) as usize] += 1;
+                }
+                assert!(squares.iter().chain(&columns).all(|c| *c == 1), "{n} points, seed {seed}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_same_bits_on_one_thread_and_on_two() {
+        let (scene, camera) = (room(), camera(61, 37));
+        let visible = Visible::new(&scene);
+        let take = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let options = Options { samples: 9 };
+            pool.install(|| render(&scene, &visible, &camera, options, &shade, &|_| ()))
+        };
+        let one = take(1);
+        assert!(one == take(2) && one == take(2));
+        assert!(one.pixels.iter().all(|p| p.0[2] > 0.0));
+    }
+
+    #[test]
+    fn a_pixel_is_the_mean_over_its_square() {
+        // An edge between a white and a black wall: the mean over the picture is the white share,
+        // however few the pixels.
+        let scene = room();
+        let visible = Visible::new(&scene);
+        let white = |_: Vec3, hit: &Hit| Rgb::splat(if hit.surface.0 == 4 { 1.0 } else { 0.0 });
+        let mean = |camera: Camera, samples| {
+            let p = render(&scene, &visible, &camera, Options { samples }, &white, &|_| ());
+            p.pixels.iter().map(|p| f64::from(p.0[0])).sum::<f64>() / p.pixels.len() as f64
+        };
+        let fine = mean(camera(400, 300), 4);
+        assert!((mean(camera(8, 6), 256) - fine).abs() < 2e-3);
+        assert!((mean(camera(40, 30), 16) - fine).abs() < 2e-3);
+    }
+
+    #[test]
+    fn progress_ends_at_one_and_misses_are_black() {
+        let scene = room();
+        let visible = Visible::new(&scene);
+        let last = std::sync::Mutex::new(0.0f32);
+        let away = Camera { eye: DVec3::Z * 2.0, target: DVec3::Z * 3.0, ..camera(5, 4) };
+        let told = |p: f32| {
+            let mut last = last.lock().unwrap();
+            *last = last.max(p);
+        };
+        let picture = render(&scene, &visible, &away, Options { samples: 1 }, &shade, &told);
+        assert!(picture.pixels.iter().all(|p| p.is_black()));
+        assert_eq!(*last.lock().unwrap(), 1.0);
+    }
+}

@@ -1,0 +1,194 @@
+//! The second method of section 6: diffuse surfaces from the Total Texture Map, mirrors by rays.
+//!
+//! In: the texture maps P^T and a hit of an eye ray. Out: its radiance, over the path `E S* D`. The
+//! paths have one branch, so a hit costs one ray for each mirror on its way.
+
+use crate::ids::Side;
+use crate::look::visible::{Hit, Visible};
+use crate::radiance::Rgb;
+use crate::scene::texels::{self, Texels};
+use crate::scene::{Reflectance, Scene};
+use glam::Vec3;
+
+/// The default bound on mirrors in one path.
+pub const MAX_DEPTH: u32 = 64;
+
+/// A path that would carry less than this part of what it finds is given up.
+const LEAST_THROUGHPUT: f32 = 1e-4;
+
+/// Height above a mirror at which the reflected ray starts, in the fitted scene's units.
+const LIFT: f32 = 1e-5;
+
+/// Everything that the method looks at.
+#[derive(Clone, Copy)]
+pub struct Raytrace<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Its hierarchy.
+    pub visible: &'a Visible,
+    /// Where the texture maps lie.
+    pub texels: &'a Texels,
+    /// P^T, two values a texel (see [`texels::sample`]), emission included, W sr^-1 m^-2.
+    pub values: &'a [Rgb],
+    /// The most mirrors that a path may meet; see [`MAX_DEPTH`].
+    pub max_depth: u32,
+}
+
+impl Raytrace<'_> {
+    /// Radiance from a hit along the unit direction `dir`, which points from the eye to the hit.
+    /// W sr^-1 m^-2.
+    pub fn radiance(&self, mut dir: Vec3, hit: &Hit) -> Rgb {
+        let mut hit = *hit;
+        let mut carried = Rgb::splat(1.0);
+        let mut found = Rgb::BLACK;
+        for _ in 0..=self.max_depth {
+            let surface = self.scene.surface(hit.surface);
+            let material = self.scene.material_of(hit.surface);
+            let factor = match material.reflectance {
+                Reflectance::Diffuse(_) => {
+                    let id = hit.surface;
+                    let at = hit.point;
+                    let total = texels::sample(self.texels, self.values, id, surface, hit.side, at);
+                    return found + carried * total;
+                }
+                Reflectance::Mirror(factor) => factor,
+            };
+            if hit.side == Side::Front {
+                found += carried * material.emitted;
+            }
+            carried = carried * factor;
+            if carried.max() < LEAST_THROUGHPUT {
+                break;
+            }
+            let (origin, reflected) = reflect(dir, &hit, surface.normal);
+            match self.visible.nearest_but(origin, reflected, 0.0, Some(hit.surface)) {
+                Some(next) => (hit, dir) = (next, reflected),
+                None => break,
+            }
+        }
+        found
+    }
+}
+
+/// The ray that leaves a mirror, origin and unit direction.
+pub fn reflect(dir: Vec3, hit: &Hit, normal: Vec3) -> (Vec3, Vec3) {
+    let normal = normal * hit.side.sign();
+    let cosine = -dir.dot(normal);
+    let reflected = (dir + normal * (2.0 * cosine)).normalize();
+    // In a corner the rounded point may lie behind the neighbouring wall, and a ray from there would
+    // leave the scene. The arriving ray was still inside a little earlier, so start above that place.
+    let back = (LIFT / cosine.max(0.25)).min(0.5 * hit.distance);
+    let foot = hit.point - (dir + normal * cosine) * back;
+    (foot + normal * LIFT, reflected)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ids::{MaterialId, SurfaceId};
+    use crate::look::test_scenes::{Dice, material, quad, room, scene_of};
+    use crate::scene::Surface;
+
+    /// The room with walls of material 0 (diffuse) and those numbered in `mirrors` of material 1.
+    fn with_mirrors(mirrors: &[usize], factor: f32, emitted: f32) -> Scene {
+        let mut scene = room();
+        scene.materials.push(material("m", emitted, Reflectance::Mirror(Rgb::splat(factor))));
+        for m in mirrors {
+            scene.surfaces[*m].material = MaterialId(1);
+        }
+        scene
+    }
+
+    /// A value for each texel and side that tells which one it is.
+    fn numbered(texels: &Texels) -> Vec<Rgb> {
+        (0..2 * texels.len()).map(|i| Rgb([i as f32, 1.0, 0.0])).collect()
+    }
+
+    fn look(scene: &Scene, values: impl Fn(&Texels) -> Vec<Rgb>, from: Vec3, dir: Vec3) -> Rgb {
+        let visible = Visible::new(scene);
+        let texels = Texels::new(scene, 0.125);
+        let values = values(&texels);
+        let method = Raytrace {
+            scene,
+            visible: &visible,
+            texels: &texels,
+            values: &values,
+            max_depth: MAX_DEPTH,
+        };
+        method.radiance(dir, &visible.nearest(from, dir, 0.0).unwrap())
+    }
+
+    #[test]
+    fn a_diffuse_wall_shows_its_texel() {
+        let scene = with_mirrors(&[], 1.0, 0.0);
+        let texels = Texels::new(&scene, 0.125);
+        let target = Vec3::new(-0.5, 0.1875, -0.3125);
+        let seen = look(&scene, numbered, Vec3::ZERO, target.normalize());
+        let texel = texels.at(SurfaceId(0), &scene.surfaces[0], target);
+        assert!((seen.0[0] - 2.0 * texel as f32).abs() < 1e-3, "{seen:?}, texel {texel}");
+    }
+
+    #[test]
+    fn a_mirror_shows_the_texel_behind_which_the_image_stands() {
+        // From the origin to the mirror x = 0.5 and back to the wall x = -0.5: the image of that wall
+        // stands at x = 1.5, so the target's image is where the unfolded ray ends.
+        let scene = with_mirrors(&[1], 0.5, 0.0);
+        let texels = Texels::new(&scene, 0.125);
+        let target = Vec3::new(-0.5, 0.1875, -0.3125);
+        let image = Vec3::new(1.5, target.y, target.z);
+        let seen = look(&scene, numbered, Vec3::ZERO, image.normalize());
+        let texel = texels.at(SurfaceId(0), &scene.surfaces[0], target);
+        assert!((seen.0[0] - 0.5 * 2.0 * texel as f32).abs() < 1e-2, "{seen:?}, texel {texel}");
+        assert!((seen.0[1] - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn facing_mirrors_sum_their_geometric_series() {
+        // Six mirrors of reflectance 0.5 that emit 1: 1 + 1/2 + 1/4 + ... = 2 along every ray.
+        let scene = with_mirrors(&[0, 1, 2, 3, 4, 5], 0.5, 1.0);
+        let mut dice = Dice(3);
+        for _ in 0..200 {
+            let seen = look(&scene, numbered, dice.point() * 0.8, dice.point().normalize());
+            assert!((seen.0[0] - 2.0).abs() < 1e-3, "{seen:?}");
+        }
+    }
+
+    #[test]
+    fn no_ray_leaves_a_closed_room_through_a_corner() {
+        // Perfect mirrors but for one white wall: a path that left the room would find black. Aim at
+        // the corners of the mirrors, and let no bound on the depth end a path.
+        let scene = with_mirrors(&[0, 1, 2, 3], 1.0, 0.0);
+        let visible = Visible::new(&scene);
+        let texels = Texels::new(&scene, 0.5);
+        let values = vec![Rgb::splat(1.0); 2 * texels.len()];
+        let trace = Raytrace {
+            scene: &scene,
+            visible: &visible,
+            texels: &texels,
+            values: &values,
+            max_depth: 10_000,
+        };
+        let mut dice = Dice(9);
+        for i in 0..20_000 {
+            let near = 10f32.powi(-(i % 8));
+            let corner = Vec3::new(0.5, -0.5, dice.roll() * 0.45) + dice.point() * near * 0.1;
+            let mut dir = corner.clamp(Vec3::splat(-0.5), Vec3::splat(0.5)) - Vec3::Z * 0.4;
+            // Down the room fast enough to end within the bound.
+            dir.z = dir.z.abs().max(0.02);
+            let dir = (dir * Vec3::new(1.0, 1.0, -1.0)).normalize();
+            let hit = visible.nearest(Vec3::Z * 0.4, dir, 0.0).unwrap();
+            assert_eq!(trace.radiance(dir, &hit), Rgb::splat(1.0), "ray {i}: {dir} {hit:?}");
+        }
+    }
+
+    #[test]
+    fn the_back_of_a_mirror_reflects_but_does_not_emit() {
+        let plate = |at: f32, m| quad(m, Vec3::new(-0.5, -0.5, at), Vec3::X, Vec3::Y);
+        let surfaces: Vec<Surface> = vec![plate(0.2, 1), plate(-0.5, 0)];
+        let mut scene = scene_of(surfaces, room().materials);
+        scene.materials.push(material("m", 3.0, Reflectance::Mirror(Rgb::splat(0.5))));
+        let ones = |t: &Texels| vec![Rgb::splat(1.0); 2 * t.len()];
+        assert_eq!(look(&scene, ones, Vec3::ZERO, Vec3::Z), Rgb::splat(0.5));
+        assert_eq!(look(&scene, ones, Vec3::Z * 0.5, -Vec3::Z), Rgb::splat(3.0));
+    }
+}

@@ -1,0 +1,110 @@
+//! From radiance to what a screen shows: exposure, tone curve, sRGB.
+//!
+//! In: a [`Picture`] and an exposure in stops. Out: a [`Bitmap`]. The exposure is absolute: radiance
+//! is multiplied by `2^EV`, so one number makes pictures of one scene comparable. Where none is given
+//! [`auto_exposure`] proposes one from the picture itself.
+
+use crate::look::image::{Bitmap, Picture};
+use crate::radiance::Rgb;
+
+/// Exposed luminance that the darker surfaces of a picture should have on the average.
+const MIDDLE: f64 = 0.18;
+
+/// Exposed luminance, or channel, that the curve takes to white.
+const WHITE: f32 = 6.0;
+
+/// Tone-maps a picture. `ev` is the exposure in stops: radiance times `2^ev`.
+pub fn develop(picture: &Picture, ev: f32) -> Bitmap {
+    let gain = ev.exp2();
+    let pixels = picture.pixels.iter().map(|p| encode(curve(*p * gain))).collect();
+    Bitmap { width: picture.width, height: picture.height, pixels }
+}
+
+/// The exposure, in stops, that brings the logarithmic mean of a picture's luminance to the middle
+/// grey of 18 %. A lamp in the view hardly moves it; black pixels, where nothing is seen, are left
+/// out, and 0 is the answer where there is no light at all.
+pub fn auto_exposure(picture: &Picture) -> f32 {
+    let lit = |p: &&Rgb| p.is_physical() && p.luminance() > 0.0;
+    let luminance = |p: &Rgb| f64::from(p.luminance());
+    let count = picture.pixels.iter().filter(lit).count();
+    if count == 0 {
+        return 0.0;
+    }
+    let mean = picture.pixels.iter().filter(lit).map(luminance).sum::<f64>() / count as f64;
+    // Shadows far below the mean count as that far below, lest a nearly black corner rule the rest.
+    let log = |p: &Rgb| luminance(p).clamp(mean * 0.02, mean * 50.0).log2();
+    let middle = picture.pixels.iter().filter(lit).map(log).sum::<f64>() / count as f64;
+    (MIDDLE.log2() - middle) as f32
+}
+
+/// Reinhard's extended curve (2002, equation 4), half on the luminance and half on the channels.
+///
+/// Luminance alone keeps hues but shows a bright coloured light flat; channels alone bleach every
+/// saturated wall. Compared with the usual fit of the ACES curve on the reference pictures, this
+/// keeps the coloured light that walls throw on each other, which is what global illumination is
+/// looked at for; the ACES fit deepens shadows and shifts bright reds to orange.
+fn curve(exposed: Rgb) -> Rgb {
+    let shoulder = |x: f32| x * (1.0 + x / (WHITE * WHITE)) / (1.0 + x);
+    let exposed = Rgb(exposed.0.map(|c| if c.is_nan() { 0.0 } else { c.clamp(0.0, 1e6) }));
+    let luminance = exposed.luminance();
+    if luminance <= 0.0 {
+        return Rgb::BLACK;
+    }
+    let kept = exposed * (shoulder(luminance) / luminance);
+    let bleached = Rgb(exposed.0.map(shoulder));
+    Rgb((kept * 0.5 + bleached * 0.5).0.map(|c| c.min(1.0)))
+}
+
+/// The sRGB transfer curve (IEC 61966-2-1), to the nearest of 256 steps.
+pub fn encode(linear: Rgb) -> [u8; 3] {
+    linear.0.map(|x| {
+        let x = x.clamp(0.0, 1.0);
+        let s = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+        (s * 255.0 + 0.5) as u8
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grey(values: &[f32]) -> Picture {
+        let pixels = values.iter().map(|v| Rgb::splat(*v)).collect();
+        Picture { width: values.len() as u32, height: 1, pixels }
+    }
+
+    #[test]
+    fn srgb_has_its_known_values() {
+        assert_eq!(encode(Rgb([0.0, 1.0, 0.5])), [0, 255, 188]);
+        assert_eq!(encode(Rgb([0.18, 2.0, -1.0])), [118, 255, 0]);
+        assert_eq!(encode(Rgb::splat(0.002)), [7; 3]);
+    }
+
+    #[test]
+    fn the_curve_rises_from_black_to_white() {
+        let mut last = -1.0;
+        for i in 0..=1000 {
+            let x = i as f32 / 1000.0 * WHITE;
+            let y = curve(Rgb::splat(x)).0[1];
+            assert!(y > last && y <= 1.0, "{x}: {y}");
+            last = y;
+        }
+        assert!((last - 1.0).abs() < 1e-5);
+        for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0, f32::MAX] {
+            let y = curve(Rgb([odd, 0.5, 0.5]));
+            assert!(y.is_physical() && y.max() <= 1.0, "{odd}: {y:?}");
+        }
+    }
+
+    #[test]
+    fn exposure_is_found_from_the_middle_and_follows_the_light() {
+        assert!((auto_exposure(&grey(&[0.18; 8])) - 0.0).abs() < 1e-5);
+        assert!((auto_exposure(&grey(&[0.0, 0.72, 0.72, f32::NAN])) + 2.0).abs() < 1e-5);
+        assert_eq!(auto_exposure(&grey(&[0.0; 3])), 0.0);
+        // One stop more light asks for one stop less, and shows the same bitmap.
+        let (one, two) = (grey(&[0.1, 0.3, 2.0]), grey(&[0.2, 0.6, 4.0]));
+        let (a, b) = (auto_exposure(&one), auto_exposure(&two));
+        assert!((a - b - 1.0).abs() < 1e-5);
+        assert_eq!(develop(&one, a).pixels, develop(&two, a - 1.0).pixels);
+    }
+}
