@@ -62,6 +62,12 @@ impl Around {
     }
 }
 
+/// The direction from which light must arrive at a mirror to leave along `outgoing`; both point away
+/// from the side with unit normal `normal`.
+pub fn mirrored(outgoing: Vec3, normal: Vec3) -> Vec3 {
+    (normal * (2.0 * outgoing.dot(normal)) - outgoing).normalize()
+}
+
 /// Bilinear between the four cells around the point that belong to the surface, or the mean of those
 /// one ring farther out when none of the four does.
 fn between_cells(

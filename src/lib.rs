@@ -18,10 +18,15 @@ pub mod field;
 
 pub mod bake;
 
+pub mod pack;
+
 pub mod look;
 
 pub use directions::Directions;
+pub use field::FieldError;
+pub use format::manifest::Parameters;
 pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SurfaceId, TileId};
+pub use look::lightfield::LightField;
 pub use psf::Psf;
 pub use radiance::Rgb;
 pub use scene::Scene;

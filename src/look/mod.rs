@@ -4,6 +4,10 @@
 //! [`Picture`](image::Picture) in linear radiance, tone-mapped bitmaps, files, and measures of how
 //! far two pictures are apart. Section 6 of the paper.
 
+pub mod mapping;
+
+pub mod lightfield;
+
 pub mod visible;
 
 pub mod image;

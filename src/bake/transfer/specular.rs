@@ -8,7 +8,7 @@
 use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::{Page, Pages};
-use crate::gather::Around;
+use crate::gather::{Around, mirrored};
 use crate::ids::{Sense, Side, SurfaceId};
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -67,12 +67,6 @@ impl MirrorSender {
         let arrived = self.around.radiance(&maps, self.surface, point)?;
         Some(arrived * self.factor + self.emitted)
     }
-}
-
-/// The direction from which light must arrive to leave along `outgoing`; both point away from the
-/// surface.
-pub fn mirrored(outgoing: Vec3, normal: Vec3) -> Vec3 {
-    (normal * (2.0 * outgoing.dot(normal)) - outgoing).normalize()
 }
 
 /// Unit vector of a sense of a direction.

@@ -1,0 +1,319 @@
+//! The reader: a finished field, packed or not, opened for looking (section 6, first method).
+//!
+//! In: a `.vlf` file, which is mapped, or a field directory. Out: the scene, the Total Texture Maps, and
+//! the radiance of any surface at any point in any direction. Nothing is computed, only looked up.
+//! Each direction's map is verified when it is first touched.
+
+use crate::directions::Directions;
+use crate::format::container::{self, ChunkKind, Directory, FileKind, NO_DIRECTION, decode};
+use crate::format::manifest::{Manifest, Phase, record_from_bytes};
+use crate::format::tiles::{Layout, TileMap};
+use crate::format::{Fault, FormatError, names};
+use crate::gather::{Around, mirrored};
+use crate::ids::{Side, SurfaceId};
+use crate::look::mapping::Mapping;
+use crate::radiance::Rgb;
+use crate::scene::texels::{self, Texels};
+use crate::scene::{Reflectance, Scene, stored};
+use glam::Vec3;
+use std::borrow::Cow;
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+/// Why a field cannot be looked at.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LookError {
+    /// The system refused.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+    /// A file is damaged or of another kind.
+    #[error("{0}")]
+    Format(#[from] FormatError),
+    /// The bake has not come to its end.
+    #[error(
+        "{}: the bake is not finished (cycle {cycle}, {done} of {directions} directions); \
+         run the same `vlf bake` again to go on with it", path.display()
+    )]
+    Unfinished {
+        /// The field.
+        path: PathBuf,
+        /// Cycle under way.
+        cycle: u32,
+        /// Directions done.
+        done: u32,
+        /// Directions in all.
+        directions: u32,
+    },
+}
+
+/// A finished field, opened for looking.
+pub struct LightField {
+    /// The scene.
+    pub scene: Scene,
+    /// Where the texture maps lie on it.
+    pub texels: Texels,
+    /// Total Texture Map P^T, two values a texel, emission included, W sr^-1 m^-2.
+    pub total: Vec<Rgb>,
+    /// The lines.
+    pub directions: Directions,
+    /// What the field is and how it was baked.
+    pub manifest: Manifest,
+    /// Power of two by which stored radiance is scaled.
+    exponent: i32,
+    source: Source,
+    maps: Vec<OnceLock<Result<StoredMap, FormatError>>>,
+}
+
+enum Source {
+    Pack { name: String, file: Mapping, directory: Directory },
+    Field(PathBuf),
+}
+
+/// A direction's map: where it lies in the mapped file, or its bytes.
+struct StoredMap {
+    bytes: Stored,
+    layout: Layout,
+}
+
+enum Stored {
+    Mapped(std::ops::Range<usize>),
+    Decoded(Vec<u8>),
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, LookError> {
+    let failed = |source| LookError::Io { path: path.to_owned(), source };
+    let mut file = fs::File::open(path).map_err(failed)?;
+    let mut bytes = Vec::new();
+    if !file.metadata().map_err(failed)?.is_file() {
+        return Err(failed(std::io::Error::other("not a regular file")));
+    }
+    file.read_to_end(&mut bytes).map_err(failed)?;
+    Ok(bytes)
+}
+
+fn chunk_of(
+    path: &Path,
+    kind: FileKind,
+    chunk: ChunkKind,
+    direction: u32,
+) -> Result<Vec<u8>, LookError> {
+    let bytes = read(path)?;
+    let name = path.display().to_string();
+    let directory = container::open(&name, &bytes, kind)?;
+    let decoded = || directory.chunk(&bytes, directory.find(chunk, direction)?);
+    Ok(decoded().map_err(|f| f.in_file(name))?.into_owned())
+}
+
+impl LightField {
+    /// Opens a packed field or a finished field directory.
+    ///
+    /// # Errors
+    /// When it is missing, neither of the two, damaged, or not finished.
+    pub fn open(path: &Path) -> Result<LightField, LookError> {
+        if path.is_dir() { Self::open_field(path) } else { Self::open_pack(path) }
+    }
+
+    fn open_pack(path: &Path) -> Result<LightField, LookError> {
+        let failed = |source| LookError::Io { path: path.to_owned(), source };
+        let name = path.display().to_string();
+        if fs::metadata(path).map_err(failed)?.len() == 0 {
+            return Err(Fault::Foreign.in_file(name).into());
+        }
+        let file = Mapping::open(path).map_err(failed)?;
+        let directory = container::open(&name, &file, FileKind::Pack)?;
+        let chunk = |kind| -> Result<Cow<'_, [u8]>, Fault> {
+            directory.chunk(&file, directory.find(kind, NO_DIRECTION)?)
+        };
+        let parts = || -> Result<_, Fault> {
+            let manifest: Manifest = record_from_bytes(&chunk(ChunkKind::Record)?)?;
+            manifest.check(&directory.header)?;
+            let scene = stored::from_bytes(&chunk(ChunkKind::Scene)?)?;
+            let texels = texels_of(&scene, &manifest)?;
+            let total = texels::from_bytes(&chunk(ChunkKind::TotalTexture)?, 2 * texels.len())?;
+            check_scene(&scene, directory.header.surfaces)?;
+            Ok((manifest, scene, texels, total))
+        };
+        let (manifest, scene, texels, total) = parts().map_err(|f| f.in_file(&name))?;
+        let exponent = directory.header.exponent;
+        let source = Source::Pack { name: name.clone(), file, directory };
+        Self::assemble(&name, (scene, texels, total), manifest, exponent, source)
+    }
+
+    fn open_field(path: &Path) -> Result<LightField, LookError> {
+        let manifest_path = path.join(names::MANIFEST);
+        if !manifest_path.is_file() {
+            return Err(Fault::Foreign.in_file(path.display()).into());
+        }
+        let name = manifest_path.display().to_string();
+        let (header, manifest) = Manifest::from_file(&name, &read(&manifest_path)?)?;
+        if manifest.phase != Phase::Finished {
+            return Err(LookError::Unfinished {
+                path: path.to_owned(),
+                cycle: manifest.cycle,
+                done: manifest.done_count(),
+                directions: manifest.parameters.directions,
+            });
+        }
+        let scene_path = path.join(names::SCENE);
+        let bytes = chunk_of(&scene_path, FileKind::Scene, ChunkKind::Scene, NO_DIRECTION)?;
+        let in_scene = |f: Fault| f.in_file(scene_path.display());
+        let scene = stored::from_bytes(&bytes).map_err(in_scene)?;
+        check_scene(&scene, header.surfaces).map_err(in_scene)?;
+        let texels = texels_of(&scene, &manifest).map_err(in_scene)?;
+        let texture_path = path.join(names::textures(manifest.cycle));
+        let kind = ChunkKind::TotalTexture;
+        let bytes = chunk_of(&texture_path, FileKind::Textures, kind, NO_DIRECTION)?;
+        let total = texels::from_bytes(&bytes, 2 * texels.len())
+            .map_err(|f| f.in_file(texture_path.display()))?;
+        let source = Source::Field(path.to_owned());
+        let parts = (scene, texels, total);
+        Self::assemble(&path.display().to_string(), parts, manifest, header.exponent, source)
+    }
+
+    fn assemble(
+        name: &str,
+        (scene, texels, total): (Scene, Texels, Vec<Rgb>),
+        manifest: Manifest,
+        exponent: i32,
+        source: Source,
+    ) -> Result<LightField, LookError> {
+        let lines = manifest.parameters.directions;
+        let directions = Directions::with_lines(lines)
+            .ok_or_else(|| Fault::invalid(format!("{lines} directions")).in_file(name))?;
+        let maps = (0..lines).map(|_| OnceLock::new()).collect();
+        Ok(LightField { scene, texels, total, directions, manifest, exponent, source, maps })
+    }
+
+    /// The total radiance map of a direction, verified.
+    ///
+    /// # Errors
+    /// When it is missing or damaged.
+    pub fn map(&self, direction: u32) -> Result<TileMap<'_>, FormatError> {
+        let stored = self.maps[direction as usize].get_or_init(|| self.load(direction));
+        let stored = stored.as_ref().map_err(Clone::clone)?;
+        let bytes = match (&stored.bytes, &self.source) {
+            (Stored::Decoded(bytes), _) => bytes,
+            (Stored::Mapped(range), Source::Pack { file, .. }) => &file[range.clone()],
+            (Stored::Mapped(_), Source::Field(_)) => &[][..],
+        };
+        Ok(TileMap::new(bytes, &stored.layout))
+    }
+
+    fn load(&self, direction: u32) -> Result<StoredMap, FormatError> {
+        let p = &self.manifest.parameters;
+        let surfaces = self.scene.surfaces.len() as u32;
+        let check =
+            |bytes: &[u8]| Layout::check(bytes, p.resolution, p.tile, surfaces, self.exponent);
+        match &self.source {
+            Source::Pack { name, file, directory } => {
+                let load = || {
+                    let entry = find_map(directory, direction)?;
+                    // The directory was checked against the file's length.
+                    let range = entry.offset as usize..(entry.offset + entry.stored) as usize;
+                    match decode(&directory.header.field, entry, &file[range.clone()])? {
+                        Cow::Borrowed(bytes) => {
+                            let layout = check(bytes)?;
+                            Ok(StoredMap { layout, bytes: Stored::Mapped(range) })
+                        }
+                        Cow::Owned(bytes) => {
+                            let layout = check(&bytes)?;
+                            Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) })
+                        }
+                    }
+                };
+                load().map_err(|f: Fault| f.in_file(format!("{name}: direction {direction}")))
+            }
+            Source::Field(path) => {
+                let path = names::tiles(path, names::TOTAL, direction);
+                let name = path.display().to_string();
+                let bytes =
+                    chunk_of(&path, FileKind::Tiles, ChunkKind::Total, direction).map_err(|e| {
+                        match e {
+                            LookError::Format(e) => e,
+                            other => Fault::Missing(other.to_string()).in_file(&name),
+                        }
+                    })?;
+                let layout = check(&bytes).map_err(|f| f.in_file(&name))?;
+                Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) })
+            }
+        }
+    }
+
+    /// Radiance leaving the side of `surface` that faces `away` (a unit vector pointing from the
+    /// surface), at a point of its plane, in the fitted scene's units; W sr^-1 m^-2.
+    ///
+    /// For a mirror the field holds what arrives at it: the radiance from the mirrored direction is
+    /// looked up and multiplied by the reflectance.
+    ///
+    /// # Errors
+    /// When a direction's map is missing or damaged.
+    pub fn radiance(
+        &self,
+        surface: SurfaceId,
+        point: Vec3,
+        away: Vec3,
+    ) -> Result<Rgb, FormatError> {
+        let plane = self.scene.surface(surface);
+        let side = Side::facing(plane.normal.dot(away));
+        let normal = plane.normal * side.sign();
+        let material = self.scene.material_of(surface);
+        let mirror = material.reflectance.is_mirror();
+        let wanted = if mirror { mirrored(away, normal) } else { away };
+        let resolution = self.manifest.parameters.resolution;
+        let around = Around::new(&self.directions, resolution, wanted, normal);
+        let mut maps = [None; 3];
+        for (map, near) in maps.iter_mut().zip(&around.near) {
+            if near.weight > 0.0 {
+                *map = Some(self.map(near.direction.0)?);
+            }
+        }
+        let found = around.radiance(&maps, surface, point);
+        Ok(match material.reflectance {
+            // Where no direction sees the surface (it is edge-on to all three, or smaller than a
+            // cell) its texture map still knows it.
+            Reflectance::Diffuse(_) => found.unwrap_or_else(|| {
+                texels::sample(&self.texels, &self.total, surface, plane, side, point)
+            }),
+            Reflectance::Mirror(factor) => {
+                let emitted = if side == Side::Front { material.emitted } else { Rgb::BLACK };
+                found.unwrap_or_default() * factor + emitted
+            }
+        })
+    }
+}
+
+/// Packs hold the scene's parts first, then one map a direction, in order: no search is needed.
+fn find_map(directory: &Directory, direction: u32) -> Result<&container::ChunkEntry, Fault> {
+    let maps = directory.entries.len().saturating_sub(directory.header.directions as usize);
+    directory
+        .entries
+        .get(maps + direction as usize)
+        .filter(|e| e.id.kind == ChunkKind::Total && e.id.direction == direction)
+        .ok_or_else(|| Fault::Missing(format!("the map of direction {direction}")))
+}
+
+fn texels_of(scene: &Scene, manifest: &Manifest) -> Result<Texels, Fault> {
+    let p = &manifest.parameters;
+    let cell = 2.0 / p.resolution as f32;
+    let texels = Texels::new(scene, cell * p.texel_cells as f32);
+    if texels.len() as u64 > 1 << 30 {
+        let value = texels.len() as u64;
+        return Err(Fault::Limit { what: "texel count", value, limit: 1 << 30 });
+    }
+    Ok(texels)
+}
+
+fn check_scene(scene: &Scene, surfaces: u32) -> Result<(), Fault> {
+    match scene.surfaces.len() as u64 == u64::from(surfaces) {
+        true => Ok(()),
+        false => Err(Fault::invalid("its scene has another number of surfaces than its header")),
+    }
+}

@@ -1,0 +1,42 @@
+//! The one file with `unsafe`: a file mapped read-only into memory.
+
+use memmap2::Mmap;
+use std::fs::File;
+use std::io;
+use std::ops::Deref;
+use std::path::Path;
+
+/// A whole file, mapped read-only.
+///
+/// Packs are published by rename and never edited, so a mapped pack keeps its bytes when another takes
+/// its name. If someone cuts the file itself short while it is mapped, touching the missing part ends
+/// the process with SIGBUS; if someone writes into it, chunks read for the first time after that fail
+/// their checksum.
+#[derive(Debug)]
+pub struct Mapping(Mmap);
+
+impl Mapping {
+    /// Maps a regular file.
+    ///
+    /// # Errors
+    /// When it cannot be opened or mapped, or is no regular file.
+    #[allow(unsafe_code)]
+    pub fn open(path: &Path) -> io::Result<Mapping> {
+        let file = File::open(path)?;
+        if !file.metadata()?.is_file() {
+            return Err(io::Error::other("not a regular file"));
+        }
+        // SAFETY: the mapping is read-only, and its users hash every chunk when they first touch it.
+        // That nobody truncates or edits the file meanwhile is the promise under which a pack is
+        // opened (see the type); it cannot be enforced for ordinary files.
+        let map = unsafe { Mmap::map(&file)? };
+        Ok(Mapping(map))
+    }
+}
+
+impl Deref for Mapping {
+    type Target = [u8];
+    fn deref(&self) -> &[u8] {
+        &self.0
+    }
+}
