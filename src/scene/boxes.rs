@@ -119,7 +119,7 @@ impl BoxShape {
             corner[i] = [self.low, self.high][a][i];
             corner[j] = [self.low, self.high][b][j];
         }
-        if face % 2 == 0 {
+        if face.is_multiple_of(2) {
             corners.reverse();
         }
         corners

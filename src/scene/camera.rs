@@ -3,7 +3,7 @@
 use super::Fit;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// Most pixels along a row or column.
@@ -11,6 +11,9 @@ const MOST_EDGE: u32 = 16384;
 
 /// Most pixels of a picture.
 const MOST_PIXELS: u64 = 1 << 28;
+
+/// Most bytes of a camera file.
+const MOST_BYTES: u64 = 1 << 20;
 
 /// A pinhole camera. The picture is `width` x `height` pixels; `vfov_deg` is the full vertical angle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -83,7 +86,10 @@ impl Camera {
     /// # Errors
     /// [`CameraError::Read`] or [`CameraError::File`].
     pub fn open(path: &Path) -> Result<Camera, CameraError> {
-        let text = std::fs::read_to_string(path)
+        let mut text = String::new();
+        // A longer file is cut and then no JSON; devices that never end are cut as well.
+        std::fs::File::open(path)
+            .and_then(|file| file.take(MOST_BYTES).read_to_string(&mut text))
             .map_err(|source| CameraError::Read { path: path.to_owned(), source })?;
         Camera::from_json(&text)
             .map_err(|e| CameraError::File { path: path.to_owned(), source: Box::new(e) })

@@ -133,7 +133,7 @@ pub(super) fn resolve(points: &[DVec3], face: &Face, tallies: &mut Tallies, out:
     let sum: f64 = pieces.iter().map(|t| area(t.map(|i| loop_2d[i]))).sum();
     let own: f64 =
         (1..loop_2d.len() - 1).map(|i| area([loop_2d[0], loop_2d[i], loop_2d[i + 1]])).sum();
-    if !((sum - own).abs() <= 1e-6 * own.abs()) {
+    if (sum - own).abs() > 1e-6 * own.abs() {
         tallies.crossing.add(face.line);
         return;
     }

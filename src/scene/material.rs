@@ -116,7 +116,9 @@ mod tests {
         use NoteKind::*;
         let diffuse = |c| Reflectance::Diffuse(Rgb::splat(c));
         let mirror = |c| Reflectance::Mirror(Rgb::splat(c));
-        let table: &[(f64, f64, f64, u8, Reflectance, &[NoteKind])] = &[
+        // Kd, Ks, Ns, illum; what it is taken for; what is noted.
+        type Row<'a> = (f64, f64, f64, u8, Reflectance, &'a [NoteKind]);
+        let table: &[Row] = &[
             (0.5, 0.0, 0.0, 1, diffuse(0.5), &[]),
             (0.5, 0.0, 10.0, 2, diffuse(0.5), &[]),
             (0.0, 0.75, 0.0, 3, mirror(0.75), &[]),

@@ -36,7 +36,10 @@ pub(super) fn merge(points: &[DVec3], flats: &[Flat]) -> Vec<Surface> {
         }
         let mut group = grow(points, flats, &neighbours, &mut taken, seed);
         group.sort_unstable();
-        if group.len() > 2 && overlaps(points, flats, &group) {
+        // One polygon cannot, nor can two triangles on the two sides of an edge.
+        let corners: usize = group.iter().map(|p| flats[*p as usize].corners.len()).sum();
+        let sure = group.len() == 1 || group.len() == 2 && corners == 6;
+        if !sure && overlaps(points, flats, &group) {
             groups.extend(group.into_iter().map(|p| vec![p]));
         } else {
             groups.push(group);

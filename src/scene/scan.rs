@@ -7,7 +7,7 @@
 use super::error::SceneError;
 use super::report::Tally;
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -89,6 +89,7 @@ pub(super) fn shown(word: &str) -> String {
 pub(super) fn scan_obj(path: &Path, text: &str) -> Result<ObjScan, SceneError> {
     let mut scan = ObjScan { clean: "mtllib m\n".to_owned(), ..ObjScan::default() };
     let mut numbers: HashMap<String, usize> = HashMap::new();
+    let mut libraries: HashSet<String> = HashSet::new();
     // Positions, texture coordinates and normals so far.
     let mut have = [0usize; 3];
     let mut corners = Vec::new();
@@ -138,11 +139,8 @@ pub(super) fn scan_obj(path: &Path, text: &str) -> Result<ObjScan, SceneError> {
                 let message = "`mtllib` names no file; write `mtllib NAME.mtl`".to_owned();
                 return Err(invalid(message));
             }
-            "mtllib" => {
-                if !scan.libraries.iter().any(|(name, _)| name == rest) {
-                    scan.libraries.push((rest.to_owned(), line));
-                }
-            }
+            "mtllib" if !libraries.insert(rest.to_owned()) => {}
+            "mtllib" => scan.libraries.push((rest.to_owned(), line)),
             // Groups, smoothing, curves, lines and points: nothing that is lit.
             _ => {}
         }
@@ -171,7 +169,7 @@ fn vertex(rest: &str, clean: &mut String) -> Result<(), String> {
     clean.push('v');
     for x in &values[..3] {
         let x = x / weight;
-        if !(x.abs() <= FARTHEST) {
+        if x.is_nan() || x.abs() > FARTHEST {
             return Err(format!("coordinate {x:e} is beyond {FARTHEST:e}; scale the scene down"));
         }
         // Exponents keep the text short whatever the number.

@@ -272,6 +272,35 @@ proptest! {
     }
 
     #[test]
+    fn polygons_of_one_surface_never_overlap(
+        faces in prop::collection::vec(prop::array::uniform4(0usize..16), 1..14),
+    ) {
+        let mut text = "mtllib s.mtl\nusemtl lamp\n".to_owned();
+        (0..16).for_each(|i| writeln!(text, "v {} {} 0", i % 4, i / 4).unwrap());
+        for [a, b, c, d] in faces.iter().map(|f| f.map(|i| i + 1)) {
+            writeln!(text, "f {a} {b} {c} {d}").unwrap();
+        }
+        let Ok((scene, _)) = open(&text, MTL) else { return Ok(()) };
+        for s in &scene.surfaces {
+            let parts: Vec<_> = s.polygons.iter().map(|p| {
+                let triangles = super::triangulate::triangles(p, s.normal);
+                triangles.iter().map(|t| t.map(|i| p.vertices[i])).collect::<Vec<_>>()
+            }).collect();
+            for (i, part) in parts.iter().enumerate() {
+                for [a, b, c] in parts.iter().enumerate().filter(|o| o.0 != i).flat_map(|o| o.1) {
+                    // No triangle's middle lies inside another polygon's triangle.
+                    let middle = (a + b + c) / 3.0;
+                    let inside = part.iter().any(|t| (0..3).all(|k| {
+                        let (p, q) = (t[k], t[(k + 1) % 3]);
+                        (q - p).cross(middle - p).dot(s.normal) > 1e-4
+                    }));
+                    prop_assert!(!inside, "{text}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn random_polygons_give_a_valid_scene_or_an_error(
         points in prop::collection::vec(prop::array::uniform3(-3i32..=3), 3..12),
         faces in prop::collection::vec(prop::collection::vec(0usize..12, 3..7), 1..20),
