@@ -41,16 +41,26 @@ impl Scene {
     /// # Errors
     /// [`SceneError::UnknownBundled`] for any other name.
     pub fn bundled(name: &str) -> Result<(Scene, Report), SceneError> {
-        let files = files(name).ok_or_else(|| SceneError::UnknownBundled {
-            name: name.to_owned(),
-            known: NAMES.join(", "),
-        })?;
+        let files = files(name).ok_or_else(|| unknown(name))?;
         let path = Path::new(name).with_extension("obj");
         Scene::from_text(&path, files.obj, &mut |library| {
             let own = library.strip_suffix(".mtl") == Some(name);
             own.then(|| files.mtl.to_owned()).ok_or_else(|| io::ErrorKind::NotFound.into())
         })
     }
+}
+
+/// OBJ and MTL of a bundled scene.
+///
+/// # Errors
+/// [`SceneError::UnknownBundled`] for a name that is not one.
+pub fn text(name: &str) -> Result<(String, String), SceneError> {
+    let files = files(name).ok_or_else(|| unknown(name))?;
+    Ok((files.obj.to_owned(), files.mtl.to_owned()))
+}
+
+fn unknown(name: &str) -> SceneError {
+    SceneError::UnknownBundled { name: name.to_owned(), known: NAMES.join(", ") }
 }
 
 /// The cameras of a bundled scene, the usual one first; none for any other name.

@@ -14,6 +14,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub mod raytrace;
 
+pub mod method;
+
 /// The most samples a pixel may have.
 pub const MOST_SAMPLES: u32 = 4096;
 

@@ -1,0 +1,263 @@
+//! What can be typed.
+
+use bytesize::ByteSize;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use std::str::FromStr;
+use vlf::bake::quality::Quality;
+use vlf::look::render::method::Method;
+
+const AFTER: &str = "\
+A scene goes three ways: `vlf bake` makes a field of it, `vlf-pack` makes one file of the field,
+`vlf render` and `vlf-view` look at either.
+
+  vlf demo                                        try it: a bundled room, baked, packed, rendered
+  vlf scene cornell_mirror -o room.obj            a bundled scene to begin with
+  vlf bake room.obj -o room.field
+  vlf-pack room.field -o room.vlf
+  vlf render room.vlf -o room.png --eye 0,1,3.4 --target 0,1,0
+  vlf-view room.vlf
+
+Lamps are materials with `Ke` in the MTL file, mirrors those with `illum 3` and `Ks`.
+
+Exit codes: 0 done, 2 usage, 3 input or output, 4 damaged data, 5 unsupported version, 6 in use,
+7 limit, 8 another bake is there, 130 and 143 interrupted (run again to go on).";
+
+/// Bakes the light of a scene into a virtual light field and looks at it from anywhere.
+#[derive(Parser)]
+#[command(version, after_help = AFTER, max_term_width = 100)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Bake, pack and render a bundled room; needs no other file
+    Demo(Demo),
+    /// Bake a scene into a field, or go on with a bake that was stopped
+    Bake(Bake),
+    /// Say what a field or pack is, how it was baked and where its light went
+    Info(Info),
+    /// Take a picture of a field or pack
+    Render(Render),
+    /// Compare two pictures: RMSE, relMSE, mean ratio
+    Compare(Compare),
+    /// Write a bundled scene, or the paper's field of boxes, as OBJ and MTL
+    Scene(Scene),
+}
+
+#[derive(Args)]
+pub struct Demo {
+    /// Folder for the field, the pack and the pictures
+    #[arg(short, long, default_value = "demo")]
+    pub output: PathBuf,
+    /// Which bundled scene
+    #[arg(long, default_value = "office")]
+    pub scene: String,
+    /// Threads
+    #[arg(long)]
+    pub threads: Option<usize>,
+}
+
+#[derive(Args)]
+pub struct Bake {
+    /// The scene: a Wavefront OBJ; its MTL files lie beside it
+    pub scene: PathBuf,
+    /// The field: a directory that is made, or gone on with
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// Lines of the light field: 9, 33, 129, 513, 2049, 8193, ...
+    #[arg(long, default_value_t = 2049)]
+    pub directions: u32,
+    /// Cells along an edge of each direction's grid
+    #[arg(long, default_value_t = 128)]
+    pub resolution: u32,
+    /// Cells along an edge of a tile; must divide the resolution
+    #[arg(long, default_value_t = 16)]
+    pub tile: u32,
+    /// Cycles of propagation, or `auto`: until a thousandth of the light is left
+    #[arg(long, default_value = "auto")]
+    pub cycles: Cycles,
+    /// Grids that each direction stands for, its own included, in each cycle: N or N,N,...; the last
+    /// counts for all later cycles. Overrides --quality
+    #[arg(long, value_delimiter = ',')]
+    pub perturb: Option<Vec<u32>>,
+    /// How many lines to spend
+    #[arg(long, value_enum, default_value = "preview")]
+    pub quality: QualityName,
+    /// Memory that the bake may hold
+    #[arg(long, default_value = "512MiB")]
+    pub memory: ByteSize,
+    /// Threads [default: one for each processor]
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Surfaces have a front only, as in the paper; their backs are black
+    #[arg(long)]
+    pub one_sided: bool,
+    /// Edge of a texel of the diffuse texture maps, in cells
+    #[arg(long, default_value_t = 1.0)]
+    pub texel: f64,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct Info {
+    /// A field directory, finished or not, or a pack
+    pub field: PathBuf,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct Render {
+    /// A finished field directory or a pack
+    pub field: PathBuf,
+    /// The picture: .exr for linear radiance, .png for display
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// A camera file: {"eye":[x,y,z],"target":[x,y,z],"up":[x,y,z],"vfov_deg":d,"width":w,"height":h}
+    #[arg(long, conflicts_with_all = ["eye", "target", "up", "vfov"])]
+    pub camera: Option<PathBuf>,
+    /// Where the eye is, in the scene's units
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub eye: Option<Triple>,
+    /// What it looks at
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub target: Option<Triple>,
+    /// Which way is up [default: 0,1,0]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub up: Option<Triple>,
+    /// Vertical field of view in degrees [default: 60]
+    #[arg(long, value_name = "DEG")]
+    pub vfov: Option<f64>,
+    /// Size of the picture [default: the camera file's, or 960x720]
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<Size>,
+    /// `field` looks everything up; `trace` follows rays at mirrors
+    #[arg(long, value_enum, default_value = "trace")]
+    pub method: MethodName,
+    /// Samples a pixel
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub samples: u32,
+    /// Exposure of a PNG in EV (powers of two) [default: from the picture]
+    #[arg(long, value_name = "EV", allow_hyphen_values = true)]
+    pub exposure: Option<f32>,
+    /// Threads
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct Compare {
+    /// The picture in question (EXR)
+    pub test: PathBuf,
+    /// The reference (EXR)
+    pub reference: PathBuf,
+    /// Write a PNG: test, reference, signed relative error (blue too dark, red too bright)
+    #[arg(short, long)]
+    pub output: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct Scene {
+    /// cornell, cornell_mirror, office, or boxes
+    pub name: String,
+    /// The OBJ file; the MTL is written beside it
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// For `boxes`: about how many polygons (the paper: 224 to 1736)
+    #[arg(long, default_value_t = 224)]
+    pub polygons: u32,
+    /// For `boxes`: which arrangement
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// `--quality`.
+#[derive(Clone, Copy, ValueEnum)]
+pub enum QualityName {
+    /// The bare lines
+    Draft,
+    /// Soft shadows without visible bands
+    Preview,
+    /// Eight times the lines of preview, for pictures to keep
+    Final,
+}
+
+impl From<QualityName> for Quality {
+    fn from(name: QualityName) -> Quality {
+        match name {
+            QualityName::Draft => Quality::Draft,
+            QualityName::Preview => Quality::Preview,
+            QualityName::Final => Quality::Final,
+        }
+    }
+}
+
+/// `--method`.
+#[derive(Clone, Copy, ValueEnum)]
+pub enum MethodName {
+    /// Everything from the total radiance maps
+    Field,
+    /// Diffuse surfaces from texture maps, mirrors by rays
+    Trace,
+}
+
+impl From<MethodName> for Method {
+    fn from(name: MethodName) -> Method {
+        match name {
+            MethodName::Field => Method::Field,
+            MethodName::Trace => Method::Trace,
+        }
+    }
+}
+
+/// `--cycles`.
+#[derive(Clone, Copy)]
+pub struct Cycles(pub Option<u32>);
+
+impl FromStr for Cycles {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Cycles, String> {
+        match text {
+            "auto" => Ok(Cycles(None)),
+            n => n.parse().map(|n| Cycles(Some(n))).map_err(|_| "a number or `auto`".to_owned()),
+        }
+    }
+}
+
+/// Three coordinates.
+#[derive(Clone, Copy)]
+pub struct Triple(pub [f64; 3]);
+
+impl FromStr for Triple {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Triple, String> {
+        let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+        let three = numbers.ok().and_then(|n| <[f64; 3]>::try_from(n).ok());
+        three.map(Triple).ok_or_else(|| "three numbers with commas between, such as 0,1,3.4".into())
+    }
+}
+
+/// Width and height.
+#[derive(Clone, Copy)]
+pub struct Size(pub u32, pub u32);
+
+impl FromStr for Size {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Size, String> {
+        let wrong = || "width x height, such as 1280x720".to_owned();
+        let (w, h) = text.split_once('x').ok_or_else(wrong)?;
+        Ok(Size(w.parse().map_err(|_| wrong())?, h.parse().map_err(|_| wrong())?))
+    }
+}

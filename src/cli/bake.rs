@@ -1,0 +1,114 @@
+//! `vlf bake`.
+
+use super::progress::{Bar, tell};
+use super::{args, exit, info, say};
+use anyhow::Context;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use vlf::bake::{Options, Outcome, bake};
+use vlf::format::manifest::Parameters;
+use vlf::scene::Report;
+use vlf::{Scene, bake::quality::Quality};
+
+/// Seconds between commits: what a kill can cost.
+const COMMIT_EVERY: f64 = 5.0;
+
+/// With `--cycles auto`: the fraction of the emitted light that may be left unshot.
+const UNSHOT_FRACTION: f64 = 1e-3;
+
+pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
+    let (scene, report) = Scene::open(&a.scene)?;
+    let quality: Quality = a.quality.into();
+    let parameters = Parameters {
+        directions: a.directions,
+        resolution: a.resolution,
+        tile: a.tile,
+        cycles: a.cycles.0,
+        unshot_fraction: UNSHOT_FRACTION,
+        perturbations: a.perturb.clone().unwrap_or_else(|| quality.perturbations()),
+        texel_cells: a.texel,
+        one_sided: a.one_sided,
+    };
+    tell_report(&report);
+    let code = bake_with_bar(&scene, &parameters, &a.output, a.memory.as_u64(), a.threads)?;
+    if code != 0 {
+        return Ok(code);
+    }
+    if a.json {
+        let mut json = info::json(&a.output)?;
+        json["report"] = serde_json::to_value(&report)?;
+        say(&json.to_string())?;
+    } else {
+        say(&info::summary(&a.output)?)?;
+    }
+    Ok(0)
+}
+
+/// Prints what was made of a scene's files.
+pub fn tell_report(report: &Report) {
+    tell(report.to_string().trim_end());
+}
+
+/// Threads asked for, or one for each processor.
+pub fn threads(asked: Option<usize>) -> anyhow::Result<usize> {
+    match asked {
+        Some(n @ 1..=1024) => Ok(n),
+        Some(n) => Err(exit::usage(format!("--threads {n}: 1 to 1024"))),
+        None => Ok(std::thread::available_parallelism().map_or(1, usize::from)),
+    }
+}
+
+/// Parameters of a quality at the default size.
+pub fn defaults(quality: Quality) -> Parameters {
+    Parameters {
+        directions: 2049,
+        resolution: 128,
+        tile: 16,
+        cycles: None,
+        unshot_fraction: UNSHOT_FRACTION,
+        perturbations: quality.perturbations(),
+        texel_cells: 1.0,
+        one_sided: false,
+    }
+}
+
+/// Bakes with a progress bar; stops between directions when asked by a signal. Returns the exit code.
+pub fn bake_with_bar(
+    scene: &Scene,
+    parameters: &Parameters,
+    output: &Path,
+    memory: u64,
+    asked: Option<usize>,
+) -> anyhow::Result<u8> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let signal = Arc::new(AtomicUsize::new(0));
+    for (number, code) in [(SIGINT, 130), (SIGTERM, 143)] {
+        // A second signal ends the program at once; what is committed stays.
+        signal_hook::flag::register_conditional_shutdown(number, code, stop.clone())?;
+        signal_hook::flag::register(number, stop.clone())?;
+        signal_hook::flag::register_usize(number, signal.clone(), code as usize)?;
+    }
+    let bar = Bar::new("baking");
+    let options = Options {
+        memory,
+        threads: threads(asked)?,
+        stop: &stop,
+        progress: &|p| bar.bake(p),
+        order: None,
+        commit_every: COMMIT_EVERY,
+    };
+    let outcome = bake(scene, parameters, output, &options);
+    bar.end();
+    match outcome.with_context(|| format!("baking {}", output.display()))? {
+        Outcome::Finished => Ok(0),
+        Outcome::Stopped => {
+            tell(&format!(
+                "stopped cleanly {}; run the same command again to go on",
+                info::standing(output)?
+            ));
+            Ok(signal.load(Ordering::Relaxed) as u8)
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! `vlf demo`.
+
+use super::progress::{Bar, tell};
+use super::{args, bake, info, render};
+use anyhow::Context;
+use bytesize::ByteSize;
+use vlf::bake::quality::Quality;
+use vlf::format::container::Codec;
+use vlf::look::image::{write_exr, write_png};
+use vlf::look::render::Options;
+use vlf::look::render::method::Method;
+use vlf::look::tone;
+use vlf::look::visible::Visible;
+use vlf::scene::bundled;
+use vlf::{LightField, Scene};
+
+/// Memory granted to the demo's bake.
+const MEMORY: u64 = 512 << 20;
+
+/// Size of the demo's pictures.
+const SIZE: (u32, u32) = (960, 720);
+
+pub fn run(a: &args::Demo) -> anyhow::Result<u8> {
+    let (scene, report) = Scene::bundled(&a.scene)?;
+    std::fs::create_dir_all(&a.output)
+        .with_context(|| format!("{}: cannot be made", a.output.display()))?;
+    bake::tell_report(&report);
+    let field = a.output.join(&a.scene).with_extension("field");
+    let parameters = bake::defaults(Quality::Preview);
+    let code = bake::bake_with_bar(&scene, &parameters, &field, MEMORY, a.threads)?;
+    if code != 0 {
+        return Ok(code);
+    }
+    tell(&info::summary(&field)?);
+
+    let packed = field.with_extension("vlf");
+    let bar = Bar::new("packing");
+    let report = vlf::pack::pack(&field, &packed, Codec::Zstd, &|part| bar.part(part))?;
+    let seconds = bar.end().as_secs_f64();
+    let size = |b: u64| ByteSize::b(b).display().iec().to_string();
+    let (from, to) = (size(report.scene.0 + report.maps.0), size(report.bytes));
+    tell(&format!("packed {from} into {}: {to}, {seconds:.1} s", packed.display()));
+
+    let field = LightField::open(&packed)?;
+    let visible = Visible::new(&field.scene);
+    for (view, camera) in bundled::cameras(&a.scene)?.into_iter().enumerate() {
+        let camera = vlf::Camera { width: SIZE.0, height: SIZE.1, ..camera };
+        let mut ev = None;
+        for (name, method) in [("trace", Method::Trace), ("field", Method::Field)] {
+            let options = (method, Options::default());
+            let (picture, seconds) = render::take(&field, &visible, &camera, options, a.threads)?;
+            let path = a.output.join(format!("{}-{}-{name}.png", a.scene, view + 1));
+            // Both methods at one exposure, so that they can be compared by eye.
+            let ev = *ev.get_or_insert_with(|| tone::auto_exposure(&picture));
+            write_png(&path, &tone::develop(&picture, ev))?;
+            write_exr(&path.with_extension("exr"), &picture)?;
+            tell(&format!("{}: {seconds:.1} s", path.display()));
+        }
+    }
+    tell(&format!("walk through it: vlf-view {}", packed.display()));
+    Ok(0)
+}

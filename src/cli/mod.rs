@@ -1,0 +1,47 @@
+//! The command line. Only here and in `main` is anything printed.
+
+mod args;
+mod bake;
+mod compare;
+mod demo;
+mod exit;
+mod info;
+mod progress;
+mod render;
+mod scene;
+
+use clap::Parser;
+use std::io::{IsTerminal, Write};
+use std::process::ExitCode;
+
+/// Parses the arguments, runs the command, prints what went wrong, and gives the exit code.
+pub fn run() -> ExitCode {
+    let level = std::env::var("VLF_LOG").unwrap_or_else(|_| "warn".to_owned());
+    tracing_subscriber::fmt()
+        .with_env_filter(tracing_subscriber::EnvFilter::new(level))
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .init();
+    let result = match args::Cli::parse().command {
+        args::Command::Demo(a) => demo::run(&a),
+        args::Command::Bake(a) => bake::run(&a),
+        args::Command::Info(a) => info::run(&a),
+        args::Command::Render(a) => render::run(&a),
+        args::Command::Compare(a) => compare::run(&a),
+        args::Command::Scene(a) => scene::run(&a),
+    };
+    match result {
+        Ok(code) => ExitCode::from(code),
+        Err(error) if exit::is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            let _ = writeln!(std::io::stderr(), "vlf: {error:#}");
+            ExitCode::from(exit::code(&error))
+        }
+    }
+}
+
+/// Prints a line on standard output; a closed pipe is an error that ends the program quietly.
+fn say(text: &str) -> anyhow::Result<()> {
+    writeln!(std::io::stdout().lock(), "{text}")?;
+    Ok(())
+}

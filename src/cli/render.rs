@@ -1,0 +1,129 @@
+//! `vlf render`.
+
+use super::progress::{Bar, tell};
+use super::{args, bake, exit, say};
+use anyhow::Context;
+use glam::DVec3;
+use serde_json::json;
+use std::path::Path;
+use vlf::look::image::{Picture, write_exr, write_png};
+use vlf::look::render::{Options, method};
+use vlf::look::tone;
+use vlf::look::visible::Visible;
+use vlf::{Camera, LightField};
+
+/// What a picture's name says it is.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Exr,
+    Png,
+}
+
+pub fn run(a: &args::Render) -> anyhow::Result<u8> {
+    let kind = kind(&a.output)?;
+    let camera = camera(a)?;
+    may_replace(&a.output, kind)?;
+    let field = LightField::open(&a.field)?;
+    let visible = Visible::new(&field.scene);
+    check_eye(&field, &visible, &camera)?;
+    let options = (a.method.into(), Options { samples: a.samples });
+    let (picture, seconds) = take(&field, &visible, &camera, options, a.threads)?;
+    write(&a.output, kind, &picture, a.exposure)?;
+    if a.json {
+        let pixels = json!([camera.width, camera.height]);
+        say(&json!({"picture": a.output, "size": pixels, "seconds": seconds}).to_string())?;
+    } else {
+        tell(&format!("{}: {:.2} s", a.output.display(), seconds));
+    }
+    Ok(0)
+}
+
+fn kind(path: &Path) -> anyhow::Result<Kind> {
+    match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
+        Some("exr") => Ok(Kind::Exr),
+        Some("png") => Ok(Kind::Png),
+        _ => Err(exit::usage(format!("{}: the name must end in .exr or .png", path.display()))),
+    }
+}
+
+/// Refuses to replace a file that is not a picture of the kind that would take its place.
+fn may_replace(path: &Path, kind: Kind) -> anyhow::Result<()> {
+    use std::io::Read;
+    let Ok(file) = std::fs::File::open(path) else { return Ok(()) };
+    let magic: &[u8] = match kind {
+        Kind::Exr => &[0x76, 0x2f, 0x31, 0x01],
+        Kind::Png => b"\x89PNG",
+    };
+    let mut head = Vec::new();
+    let is_file = file.metadata().is_ok_and(|m| m.is_file());
+    if !is_file || file.take(4).read_to_end(&mut head).is_err() || head != magic {
+        let shown = path.display();
+        anyhow::bail!("{shown}: exists and is not a picture of that kind; nothing was changed");
+    }
+    Ok(())
+}
+
+fn camera(a: &args::Render) -> anyhow::Result<Camera> {
+    let mut camera = match (&a.camera, a.eye, a.target) {
+        (Some(path), _, _) => Camera::open(path)?,
+        (None, Some(eye), Some(target)) => Camera {
+            eye: DVec3::from(eye.0),
+            target: DVec3::from(target.0),
+            up: a.up.map_or(DVec3::Y, |up| DVec3::from(up.0)),
+            vfov_deg: a.vfov.unwrap_or(60.0),
+            width: 960,
+            height: 720,
+        },
+        _ => return Err(exit::usage("say where to look from: --camera, or --eye and --target")),
+    };
+    if let Some(size) = a.size {
+        (camera.width, camera.height) = (size.0, size.1);
+    }
+    camera.check()?;
+    Ok(camera)
+}
+
+/// Refuses an eye from which nothing can be seen.
+pub fn check_eye(field: &LightField, visible: &Visible, camera: &Camera) -> anyhow::Result<()> {
+    let eye = camera.view(&field.scene.fit).origin;
+    let place = camera.eye;
+    if let Some(id) = visible.touching(eye) {
+        let material = &field.scene.material_of(id).name;
+        return Err(exit::usage(format!(
+            "the eye {place} lies on surface {} (material `{material}`); move it into the open",
+            id.0
+        )));
+    }
+    if visible.inside_a_solid(eye) {
+        let what = "is inside a wall or a closed solid: every surface around shows its back";
+        return Err(exit::usage(format!("the eye {place} {what}; move it into the open")));
+    }
+    Ok(())
+}
+
+/// Takes a picture with a progress bar. Returns it with the seconds it took.
+pub fn take(
+    field: &LightField,
+    visible: &Visible,
+    camera: &Camera,
+    options: (method::Method, Options),
+    threads: Option<usize>,
+) -> anyhow::Result<(Picture, f64)> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(bake::threads(threads)?).build()?;
+    let bar = Bar::new("rendering");
+    let picture =
+        pool.install(|| method::take(field, visible, camera, options, &|part| bar.part(part)));
+    let seconds = bar.end().as_secs_f64();
+    Ok((picture.context("the picture was not written")?, seconds))
+}
+
+fn write(path: &Path, kind: Kind, picture: &Picture, ev: Option<f32>) -> anyhow::Result<()> {
+    match kind {
+        Kind::Exr => write_exr(path, picture)?,
+        Kind::Png => {
+            let ev = ev.unwrap_or_else(|| tone::auto_exposure(picture));
+            write_png(path, &tone::develop(picture, ev))?;
+        }
+    }
+    Ok(())
+}
