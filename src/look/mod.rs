@@ -1,6 +1,6 @@
 //! Act three: looking at a scene whose light is known.
 //!
-//! In: a [`Scene`](crate::Scene), a camera, and a function that gives the radiance of a hit. Out: a
+//! In: a [`Scene`](crate::scene::Scene), a camera, and a function that gives the radiance of a hit. Out: a
 //! [`Picture`](image::Picture) in linear radiance, tone-mapped bitmaps, files, and measures of how
 //! far two pictures are apart. Section 6 of the paper.
 

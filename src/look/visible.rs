@@ -329,6 +329,16 @@ mod tests {
     }
 
     #[test]
+    fn of_many_coincident_surfaces_the_first_is_seen() {
+        let one = quad(0, Vec3::new(-0.5, -0.5, 0.3), Vec3::X, Vec3::Y);
+        let visible = Visible::new(&scene_of(vec![one; 5000], Vec::new()));
+        for i in 0..50 {
+            let o = Vec3::new(i as f32 * 0.019 - 0.47, 0.1, 0.0);
+            assert_eq!(visible.nearest(o, Vec3::Z, 0.0).unwrap().surface, SurfaceId(0));
+        }
+    }
+
+    #[test]
     fn a_scene_without_surfaces_shows_nothing() {
         let visible = Visible::new(&scene_of(Vec::new(), Vec::new()));
         assert_eq!(visible.nearest(Vec3::ZERO, Vec3::Z, 0.0), None);

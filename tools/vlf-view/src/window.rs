@@ -66,7 +66,7 @@ pub struct Show {
 /// # Errors
 /// When there is no display or the window system fails.
 pub fn run(show: Show) -> Result<(), WindowError> {
-    let events = EventLoop::new().map_err(|e| WindowError::NoDisplay(e.to_string()))?;
+    let events = EventLoop::new().map_err(|e| WindowError::NoDisplay(plain(&e.to_string())))?;
     let context = Context::new(events.owned_display_handle())
         .map_err(|e| WindowError::NoDisplay(e.to_string()))?;
     let mut app = App {
@@ -83,6 +83,13 @@ pub fn run(show: Show) -> Result<(), WindowError> {
     };
     events.run_app(&mut app).map_err(|e| WindowError::Failed(e.to_string()))?;
     app.failure.map_or(Ok(()), Err)
+}
+
+/// The window library's message without the place in its source that it begins with.
+fn plain(message: &str) -> String {
+    let after_line = |rest: &str| rest.split_once(": ").map(|(_, said)| said.to_owned());
+    let said = message.rsplit_once(".rs:").and_then(|(_, rest)| after_line(rest));
+    said.unwrap_or_else(|| message.to_owned())
 }
 
 struct App {
@@ -164,8 +171,8 @@ impl App {
             KeyCode::KeyE | KeyCode::Space => p.up = down,
             KeyCode::KeyQ | KeyCode::KeyC => p.down = down,
             KeyCode::ShiftLeft | KeyCode::ShiftRight => p.hurry = down,
-            KeyCode::Escape if down => events.exit(),
-            KeyCode::F1 | KeyCode::Slash if down => eprintln!("{HELP}"),
+            KeyCode::Escape if down => return events.exit(),
+            KeyCode::F1 | KeyCode::Slash if down => return eprintln!("{HELP}"),
             KeyCode::Equal | KeyCode::NumpadAdd if down => self.expose(0.5),
             KeyCode::Minus | KeyCode::NumpadSubtract if down => self.expose(-0.5),
             KeyCode::KeyX if down => self.show.exposure = None,
@@ -209,20 +216,13 @@ impl App {
             surface.resize(width, height).map_err(failed)?;
             let mut buffer = surface.buffer_mut().map_err(failed)?;
             enlarge(&bitmap, coarse, size.width, &mut buffer);
-            surface_ready(buffer)?;
+            buffer.present().map_err(failed)?;
         }
         if stepped || self.pace.next(false).is_some() {
             self.ask();
         }
         Ok(())
     }
-}
-
-/// Hands the filled buffer to the window.
-fn surface_ready(
-    buffer: softbuffer::Buffer<'_, OwnedDisplayHandle, Rc<Window>>,
-) -> Result<(), WindowError> {
-    buffer.present().map_err(|e| WindowError::Failed(e.to_string()))
 }
 
 /// Fills a window's rows of `width` pixels, `0x00RRGGBB`, from a bitmap `coarse` times smaller.
@@ -245,7 +245,7 @@ impl ApplicationHandler for App {
             .with_inner_size(PhysicalSize::new(self.show.size.0, self.show.size.1));
         let window = match events.create_window(attributes) {
             Ok(window) => Rc::new(window),
-            Err(e) => return self.fail(events, WindowError::NoDisplay(e.to_string())),
+            Err(e) => return self.fail(events, WindowError::NoDisplay(plain(&e.to_string()))),
         };
         match Surface::new(&self.context, window) {
             Ok(surface) => self.surface = Some(surface),
@@ -317,6 +317,15 @@ mod tests {
             pace.took(coarse, true, Duration::from_micros(1_000_000 / u64::from(coarse * coarse)));
         }
         assert_eq!(pace.moving, 8);
+    }
+
+    #[test]
+    fn messages_name_no_source_file() {
+        assert_eq!(
+            plain("os error at /a/b/mod.rs:765: DISPLAY is not set."),
+            "DISPLAY is not set."
+        );
+        assert_eq!(plain("something else: odd"), "something else: odd");
     }
 
     #[test]
