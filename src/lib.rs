@@ -22,6 +22,8 @@ pub mod pack;
 
 pub mod look;
 
+pub mod exit;
+
 pub use directions::Directions;
 pub use field::FieldError;
 pub use format::manifest::Parameters;

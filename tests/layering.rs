@@ -7,7 +7,7 @@ mod source;
 use std::fs;
 
 /// The data's way through the library. `lib.rs` lists those that exist in this order.
-const ORDER: [&str; 11] = [
+const ORDER: [&str; 12] = [
     "radiance",
     "ids",
     "directions",
@@ -19,6 +19,7 @@ const ORDER: [&str; 11] = [
     "bake",
     "pack",
     "look",
+    "exit",
 ];
 
 /// `(importer, imported)`: the reading side does not know how a field is made, the file does not

@@ -1,7 +1,7 @@
 //! `vlf bake`.
 
 use super::progress::{Bar, tell};
-use super::{args, exit, info, say};
+use super::{args, info, say, usage};
 use anyhow::Context;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::Path;
@@ -55,7 +55,7 @@ pub fn tell_report(report: &Report) {
 pub fn threads(asked: Option<usize>) -> anyhow::Result<usize> {
     match asked {
         Some(n @ 1..=1024) => Ok(n),
-        Some(n) => Err(exit::usage(format!("--threads {n}: 1 to 1024"))),
+        Some(n) => Err(usage(format!("--threads {n}: 1 to 1024"))),
         None => Ok(std::thread::available_parallelism().map_or(1, usize::from)),
     }
 }

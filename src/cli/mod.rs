@@ -4,7 +4,6 @@ mod args;
 mod bake;
 mod compare;
 mod demo;
-mod exit;
 mod info;
 mod progress;
 mod render;
@@ -13,6 +12,7 @@ mod scene;
 use clap::Parser;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
+use vlf::exit;
 
 /// Parses the arguments, runs the command, prints what went wrong, and gives the exit code.
 pub fn run() -> ExitCode {
@@ -32,12 +32,17 @@ pub fn run() -> ExitCode {
     };
     match result {
         Ok(code) => ExitCode::from(code),
-        Err(error) if exit::is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if exit::is_broken_pipe(error.as_ref()) => ExitCode::SUCCESS,
         Err(error) => {
             let _ = writeln!(std::io::stderr(), "vlf: {error:#}");
-            ExitCode::from(exit::code(&error))
+            ExitCode::from(exit::code(error.as_ref()))
         }
     }
+}
+
+/// A mistake in what was asked for.
+fn usage(what: impl Into<String>) -> anyhow::Error {
+    exit::Usage(what.into()).into()
 }
 
 /// Prints a line on standard output; a closed pipe is an error that ends the program quietly.

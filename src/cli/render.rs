@@ -1,7 +1,7 @@
 //! `vlf render`.
 
 use super::progress::{Bar, tell};
-use super::{args, bake, exit, say};
+use super::{args, bake, say, usage};
 use anyhow::Context;
 use glam::DVec3;
 use serde_json::json;
@@ -42,7 +42,7 @@ fn kind(path: &Path) -> anyhow::Result<Kind> {
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
         Some("exr") => Ok(Kind::Exr),
         Some("png") => Ok(Kind::Png),
-        _ => Err(exit::usage(format!("{}: the name must end in .exr or .png", path.display()))),
+        _ => Err(usage(format!("{}: the name must end in .exr or .png", path.display()))),
     }
 }
 
@@ -74,7 +74,7 @@ fn camera(a: &args::Render) -> anyhow::Result<Camera> {
             width: 960,
             height: 720,
         },
-        _ => return Err(exit::usage("say where to look from: --camera, or --eye and --target")),
+        _ => return Err(usage("say where to look from: --camera, or --eye and --target")),
     };
     if let Some(size) = a.size {
         (camera.width, camera.height) = (size.0, size.1);
@@ -89,14 +89,14 @@ pub fn check_eye(field: &LightField, visible: &Visible, camera: &Camera) -> anyh
     let place = camera.eye;
     if let Some(id) = visible.touching(eye) {
         let material = &field.scene.material_of(id).name;
-        return Err(exit::usage(format!(
+        return Err(usage(format!(
             "the eye {place} lies on surface {} (material `{material}`); move it into the open",
             id.0
         )));
     }
     if visible.inside_a_solid(eye) {
         let what = "is inside a wall or a closed solid: every surface around shows its back";
-        return Err(exit::usage(format!("the eye {place} {what}; move it into the open")));
+        return Err(usage(format!("the eye {place} {what}; move it into the open")));
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! `vlf scene`.
 
 use super::progress::tell;
-use super::{args, exit};
+use super::{args, usage};
 use anyhow::Context;
 use std::fs::File;
 use std::io::Write;
@@ -12,7 +12,7 @@ pub fn run(a: &args::Scene) -> anyhow::Result<u8> {
     let (obj, mtl) = match a.name.as_str() {
         "boxes" if (224..=100_000).contains(&a.polygons) => boxes::box_field(a.polygons, a.seed),
         "boxes" => {
-            return Err(exit::usage(format!("--polygons {}: 224 to 100000", a.polygons)));
+            return Err(usage(format!("--polygons {}: 224 to 100000", a.polygons)));
         }
         name => bundled::text(name)?,
     };

@@ -8,7 +8,7 @@ use clap::Parser;
 use source::Method;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use vlf::Camera;
+use vlf::{Camera, exit};
 use walk::Walk;
 use window::{HELP, Show, WindowError};
 
@@ -38,8 +38,8 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {
             eprintln!("vlf-view: {e:#}");
-            // 3 is what the program says where the machine, not the data, is at fault.
-            ExitCode::from(if e.is::<WindowError>() { 3 } else { 1 })
+            let no_window = e.is::<WindowError>();
+            ExitCode::from(if no_window { exit::IO } else { exit::code(e.as_ref()) })
         }
     }
 }
@@ -47,11 +47,7 @@ fn main() -> ExitCode {
 fn view(args: &Args) -> anyhow::Result<()> {
     let source = source::open(&args.path, args.method)?;
     let start: Camera = match &args.camera {
-        Some(path) => {
-            let named = |e: String| anyhow::anyhow!("{}: {e}", path.display());
-            let text = std::fs::read_to_string(path).map_err(|e| named(e.to_string()))?;
-            serde_json::from_str(&text).map_err(|e| named(e.to_string()))?
-        }
+        Some(path) => Camera::open(path)?,
         None => source.start,
     };
     window::run(Show {

@@ -1,18 +1,20 @@
-//! Exit codes: 0 done, 2 usage, 3 input or output, 4 corrupt data, 5 unsupported version, 6 locked,
+//! Exit codes that all programs share: 0 done, 2 usage, 3 input or output, 4 corrupt data, 5 unsupported version, 6 locked,
 //! 7 limit, 8 another bake, 130 and 143 interrupted.
 
-use vlf::bake::BakeError;
-use vlf::field::FieldError;
-use vlf::format::{Fault, FormatError};
-use vlf::look::image::ImageError;
-use vlf::look::lightfield::LookError;
-use vlf::pack::PackError;
-use vlf::scene::SceneError;
-use vlf::scene::camera::CameraError;
+use crate::bake::BakeError;
+use crate::field::FieldError;
+use crate::format::{Fault, FormatError};
+use crate::look::image::ImageError;
+use crate::look::lightfield::LookError;
+use crate::pack::PackError;
+use crate::scene::SceneError;
+use crate::scene::camera::CameraError;
+use std::error::Error;
 
 /// What was asked for cannot be meant.
 pub const USAGE: u8 = 2;
-const IO: u8 = 3;
+/// The system refused; a field is intact and can be gone on with.
+pub const IO: u8 = 3;
 const CORRUPT: u8 = 4;
 const UNSUPPORTED: u8 = 5;
 const LOCKED: u8 = 6;
@@ -24,24 +26,22 @@ const IDENTITY: u8 = 8;
 #[error("{0}")]
 pub struct Usage(pub String);
 
-/// Shorthand for an error of usage.
-pub fn usage(what: impl Into<String>) -> anyhow::Error {
-    Usage(what.into()).into()
-}
-
-/// The exit code of an error.
-pub fn code(error: &anyhow::Error) -> u8 {
-    error.chain().find_map(|e| one(e)).unwrap_or(IO)
+/// The exit code of an error: that of the first error in its chain of causes that has one.
+pub fn code(error: &(dyn Error + 'static)) -> u8 {
+    causes(error).find_map(one).unwrap_or(IO)
 }
 
 /// Whether the reader of standard output has gone.
-pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    error
-        .downcast_ref::<std::io::Error>()
-        .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+pub fn is_broken_pipe(error: &(dyn Error + 'static)) -> bool {
+    let gone = |e: &std::io::Error| e.kind() == std::io::ErrorKind::BrokenPipe;
+    causes(error).any(|e| e.downcast_ref().is_some_and(gone))
 }
 
-fn one(e: &(dyn std::error::Error + 'static)) -> Option<u8> {
+fn causes<'a>(error: &'a (dyn Error + 'static)) -> impl Iterator<Item = &'a (dyn Error + 'static)> {
+    std::iter::successors(Some(error), |e: &&'a (dyn Error + 'static)| (*e).source())
+}
+
+fn one(e: &(dyn Error + 'static)) -> Option<u8> {
     if e.is::<Usage>() {
         return Some(USAGE);
     }
