@@ -5,7 +5,7 @@
 //! hold, and any interruption costs at most the time since the last commit.
 
 use super::layers::Outlines;
-use super::ledger::{Tally, Units, account, received, texture_power};
+use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::step::{Cycle, Scratch, Shared, shoot};
 use super::totals;
 use super::transfer::diffuse::{diffuse_factor, next_textures};
@@ -18,7 +18,7 @@ use crate::format::bytes::{Reader, Writer};
 use crate::format::container::{ChunkKind, FileKind};
 use crate::format::manifest::{CycleLedger, Parameters, Phase};
 use crate::format::names;
-use crate::ids::{DirectionId, SurfaceId};
+use crate::ids::DirectionId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::areas::areas;
@@ -324,8 +324,9 @@ impl<'a> Bake<'a> {
         }
 
         let scale = self.scene.fit.radius.powi(2);
-        let diffuse_in = texture_power(&textures.current, &self.areas, scale);
-        let diffuse_out = texture_power(&next, &self.areas, scale);
+        let mut open = open_areas(&self.areas, sums, lines);
+        open.iter_mut().for_each(|a| *a *= scale);
+        let diffuse_out = texture_power(&next, &open);
         let one_sided = self.parameters.one_sided;
         let factors: Vec<Rgb> =
             self.scene.surface_ids().map(|id| diffuse_factor(self.scene, id)).collect();
@@ -334,9 +335,9 @@ impl<'a> Bake<'a> {
             let surface = self.texels.surface_of[value / 2] as usize;
             if back && one_sided { Rgb::BLACK } else { factors[surface] }
         });
-        let mirror_in = match self.field.manifest().ledger.last() {
-            Some(before) => before.unshot - diffuse_in,
-            None => emitting_mirrors_power(self.scene, self.texels, &self.areas, scale),
+        let (diffuse_in, mirror_in) = match self.field.manifest().ledger.last() {
+            Some(before) => (before.unshot_diffuse, before.unshot_mirror),
+            None => emitted_power(self.scene, scale),
         };
         let powers = (diffuse_in, mirror_in, diffuse_out);
         let ledger = account(cycle, &units, tally, &received, powers);
@@ -421,17 +422,20 @@ impl<'a> Bake<'a> {
 /// Unshot power after each cycle as a fraction of what the scene emits.
 fn unshot_fractions(ledger: &[CycleLedger]) -> Vec<f64> {
     let emitted = ledger.first().map_or(0.0, |l| l.emitted);
-    let fraction = |l: &CycleLedger| if emitted > 0.0 { l.unshot / emitted } else { 0.0 };
+    let fraction = |l: &CycleLedger| if emitted > 0.0 { l.unshot() / emitted } else { 0.0 };
     ledger.iter().map(fraction).collect()
 }
 
-/// Power that mirrors with an emission of their own emit, W.
-fn emitting_mirrors_power(scene: &Scene, texels: &Texels, areas: &[f32], scale: f64) -> f64 {
-    let mut values = vec![Rgb::BLACK; 2 * texels.len()];
-    for texel in texels.diffuse as usize..texels.len() {
-        values[2 * texel] = scene.material_of(SurfaceId(texels.surface_of[texel])).emitted;
+/// Power that diffuse surfaces and mirrors emit, W: `pi` times radiance times area, front sides only.
+fn emitted_power(scene: &Scene, scale: f64) -> (f64, f64) {
+    let (mut diffuse, mut mirrors) = (0.0, 0.0);
+    for id in scene.surface_ids() {
+        let material = scene.material_of(id);
+        let area = f64::from(scene.surface(id).area()) * scale;
+        let power = std::f64::consts::PI * f64::from(material.emitted.mean()) * area;
+        *(if material.reflectance.is_mirror() { &mut mirrors } else { &mut diffuse }) += power;
     }
-    texture_power(&values, areas, scale)
+    (diffuse, mirrors)
 }
 
 fn lock<T>(worker: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {

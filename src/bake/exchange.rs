@@ -1,9 +1,10 @@
 //! Exchange: who sees whom along a ray (section 4.1).
 //!
-//! In: the fragments of one cell in order of depth. Out: the pairs between which nothing stands. A
-//! ray serves both ways: of each pair, the nearer surface's side that faces along the direction and
-//! the farther one's side that faces against it look at each other, so that X(r, P) = Q exactly when
-//! X(r, Q) = P.
+//! In: the fragments of one cell in order of depth. Between neighbours nothing stands, so the exchange
+//! buffer is the order itself. A ray serves both ways: of each pair of neighbours, the nearer
+//! surface's side that faces along the direction and the farther one's side that faces against it look
+//! at each other, so that X(r, P) = Q exactly when X(r, Q) = P. Before the first and behind the last
+//! fragment is the space outside the scene.
 
 use super::layers::Fragment;
 
@@ -11,37 +12,73 @@ use super::layers::Fragment;
 /// only in the contact say nothing of the texel's radiance. In the fitted scene's units.
 const CONTACT: f32 = 1e-5;
 
-/// Calls `visit` with each pair of neighbours on a ray, `None` standing for the space outside the
-/// scene before the first and after the last fragment. `fragments` may be reordered where they touch.
-pub fn pairs(
-    fragments: &mut [Fragment],
-    mut visit: impl FnMut(Option<(usize, Fragment)>, Option<(usize, Fragment)>),
-) {
-    order_contacts(fragments);
-    let Some(first) = fragments.first() else { return };
-    visit(None, Some((0, *first)));
-    for k in 1..fragments.len() {
-        let (near, far) = (fragments[k - 1], fragments[k]);
-        if far.depth() - near.depth() > CONTACT {
-            visit(Some((k - 1, near)), Some((k, far)));
-        }
-    }
-    let last = fragments.len() - 1;
-    visit(Some((last, fragments[last])), None);
+/// Whether light passes between two neighbours on a ray.
+pub fn see_each_other(near: Fragment, far: Fragment) -> bool {
+    far.depth() - near.depth() > CONTACT
 }
 
-/// Puts touching fragments that face opposite ways into the order that solids imply. Two closed solids
-/// that touch (a box on a floor) have their fronts together; a thin sheet made of two polygons has
-/// its backs together. Behind a surface that shows its front to the ray's origin we are inside a
-/// solid, so the next to come is its far side.
-fn order_contacts(fragments: &mut [Fragment]) {
+/// Puts touching fragments into an order that is the same from both ends of the ray and from every
+/// direction. Fragments in the order of depth; only those that touch change places.
+pub fn order_contacts(fragments: &mut [Fragment]) {
     for k in 1..fragments.len() {
-        let (a, b) = (fragments[k - 1], fragments[k]);
-        if a.faces_along() != b.faces_along() && b.depth() - a.depth() <= CONTACT {
-            let inside = k >= 2 && !fragments[k - 2].faces_along();
-            if a.faces_along() != inside {
-                fragments.swap(k - 1, k);
+        let mut at = k;
+        while at > 0 && !see_each_other(fragments[at - 1], fragments[at]) {
+            let inside = at >= 2 && !fragments[at - 2].faces_along();
+            if !out_of_order(fragments[at - 1], fragments[at], inside) {
+                break;
             }
+            fragments.swap(at - 1, at);
+            at -= 1;
         }
+    }
+}
+
+/// Whether two touching fragments should change places; `inside` says that the ray is inside a solid
+/// before them, since the last surface it met showed it its front.
+fn out_of_order(near: Fragment, far: Fragment, inside: bool) -> bool {
+    match (near.faces_along(), far.faces_along()) {
+        // Two closed solids that touch (a box on a floor) have their fronts together; a thin sheet of
+        // two polygons has its backs together. Inside a solid its far side comes next.
+        (false, true) => inside,
+        (true, false) => !inside,
+        // Of coincident surfaces that face the same way the one with the lower number is in front.
+        (true, true) => near.texel() < far.texel(),
+        (false, false) => near.texel() > far.texel(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Orders fragments given as (depth, texel, faces along) and gives their texels back.
+    fn ordered(list: &[(f32, u32, bool)]) -> Vec<u32> {
+        let mut fragments: Vec<_> = list.iter().map(|f| Fragment::new(f.0, f.1, f.2)).collect();
+        fragments.sort();
+        order_contacts(&mut fragments);
+        fragments.iter().map(|f| f.texel()).collect()
+    }
+
+    #[test]
+    fn a_box_on_a_floor_and_a_sheet_in_the_open() {
+        // From above: box top 1 (front to us), box bottom 2 (back to us) on floor 3 (front to us).
+        assert_eq!(ordered(&[(0.0, 1, false), (0.5, 2, true), (0.5, 3, false)]), [1, 2, 3]);
+        assert_eq!(ordered(&[(0.0, 1, false), (0.5, 3, true), (0.5, 2, false)]), [1, 3, 2]);
+        // From below: floor 3 shows its back, then the bottom 2 its front, then the top 1 its back.
+        assert_eq!(ordered(&[(0.0, 3, true), (0.0, 2, false), (0.5, 1, true)]), [2, 3, 1]);
+        // A sheet of 5 and 6 in a room: whichever shows its front comes first.
+        let sheet = [(-0.5, 1, true), (0.0, 5, true), (0.0, 6, false), (0.5, 2, false)];
+        assert_eq!(ordered(&sheet), [1, 6, 5, 2]);
+    }
+
+    #[test]
+    fn of_two_coincident_surfaces_the_same_one_is_in_front_from_either_end() {
+        assert_eq!(ordered(&[(0.0, 4, false), (0.0, 9, false)])[0], 4);
+        assert_eq!(ordered(&[(0.0, 4, true), (0.0, 9, true)])[1], 4);
+    }
+
+    #[test]
+    fn surfaces_apart_keep_their_depth() {
+        assert_eq!(ordered(&[(0.2, 1, true), (0.1, 2, false), (0.3, 3, false)]), [2, 1, 3]);
     }
 }

@@ -5,6 +5,7 @@
 //! its span is filled. A cell holds a polygon when its middle lies inside; rows and spans are half
 //! open, so that polygons that share an edge share no cell and leave none out. O(fragments).
 
+use crate::ids::Sense;
 use crate::psf::Psf;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
@@ -18,7 +19,8 @@ const EDGE_ON: f32 = 1e-5;
 pub struct Fragment(u64);
 
 impl Fragment {
-    fn new(depth: f32, texel: u32, faces_along: bool) -> Fragment {
+    /// A fragment at a depth in [-1, 1].
+    pub fn new(depth: f32, texel: u32, faces_along: bool) -> Fragment {
         // Depth in [-1, 1]; with 2 added it is positive, and positive floats order as their bits do.
         let key = u64::from((depth + 2.0).to_bits()) << 32;
         Fragment(key | u64::from(texel << 1 | u32::from(faces_along)))
@@ -37,6 +39,14 @@ impl Fragment {
     /// Whether the surface's normal points along the direction.
     pub fn faces_along(self) -> bool {
         self.0 & 1 == 1
+    }
+
+    /// The texture value of the side that faces one way.
+    pub fn value(self, facing: Sense) -> usize {
+        match facing {
+            Sense::Along => self.value_along(),
+            Sense::Against => self.value_against(),
+        }
     }
 
     /// The texture value of the side that faces along the direction: `2 texel + side`.

@@ -32,8 +32,6 @@ pub struct Tally {
     pub stored: i128,
     /// Fragments.
     pub fragments: u64,
-    /// Pairs that looked at each other.
-    pub pairs: u64,
     /// Lookups of mirrors' unshot radiance.
     pub gathers: u64,
     /// Of these, those that found nothing.
@@ -41,7 +39,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    const NUMBERS: usize = 11;
+    const NUMBERS: usize = 10;
 
     fn numbers(&self) -> [i128; Tally::NUMBERS] {
         [
@@ -53,7 +51,6 @@ impl Tally {
             self.mirrored_true,
             self.stored,
             self.fragments.into(),
-            self.pairs.into(),
             self.gathers.into(),
             self.holes.into(),
         ]
@@ -71,9 +68,8 @@ impl Tally {
             mirrored_true,
             stored,
             fragments: count(7),
-            pairs: count(8),
-            gathers: count(9),
-            holes: count(10),
+            gathers: count(8),
+            holes: count(9),
         }
     }
 
@@ -138,15 +134,24 @@ impl Units {
     }
 }
 
-/// Power that texture maps hold, W, mean of the channels: `pi` times radiance times area, two values a
-/// texel; `areas` in the scene's own units squared times `scale`.
-pub fn texture_power(values: &[Rgb], areas: &[f32], scale: f64) -> f64 {
-    let sum: f64 = values
-        .chunks_exact(2)
-        .zip(areas)
-        .map(|(v, a)| f64::from(v[0].mean() + v[1].mean()) * f64::from(*a))
-        .sum();
-    PI * sum * scale
+/// Power that texture maps hold, W, mean of the channels: `pi` times radiance times area. `areas` has
+/// one area for each of the two values of a texel, in the scene's own units squared.
+pub fn texture_power(values: &[Rgb], areas: &[f64]) -> f64 {
+    PI * values.iter().zip(areas).map(|(v, a)| f64::from(v.mean()) * a).sum::<f64>()
+}
+
+/// The area of each texture value that looks at anything: a texel's area inside its surface, less what
+/// lies in contact with another surface, where no light comes or goes. That shows in the lines that
+/// struck it, of which a texel of unit area would have `lines`; numbers of lines scatter, so the
+/// geometry decides where nearly all came.
+pub fn open_areas(areas: &[f32], sums: &[Fixed], lines: f64) -> Vec<f64> {
+    const NEARLY_ALL: f64 = 0.75;
+    let open = |(value, sum): (usize, &Fixed)| {
+        let area = f64::from(areas[value / 2]);
+        let struck = sum[3] as f64 / lines;
+        if struck < NEARLY_ALL * area { struck } else { area }
+    };
+    sums.iter().enumerate().map(open).collect()
 }
 
 /// What a cycle's diffuse receivers took: the sums over lines, and the part that they reflect.
@@ -194,7 +199,8 @@ pub fn account(
         carried_in: if cycle == 0 { 0.0 } else { income },
         absorbed: p(received.arrived) - reflected + p(tally.to_mirror) - p(tally.mirrored),
         left: p(tally.left),
-        unshot: diffuse_out + stored,
+        unshot_diffuse: diffuse_out,
+        unshot_mirror: stored,
         holes: mirror_in - p(tally.shot_mirror),
         sampling: diffuse_in - p(tally.shot_diffuse) + reflected - diffuse_out + p(tally.mirrored)
             - true_lines,

@@ -228,7 +228,6 @@ impl From<Fault> for BakeError {
 /// Adds what a run took to a bake's figures.
 fn count_run(statistics: &mut Statistics, tally: &ledger::Tally) {
     statistics.fragments += tally.fragments;
-    statistics.pairs += tally.pairs;
     statistics.gathers += tally.gathers;
     statistics.holes += tally.holes;
 }

@@ -8,7 +8,7 @@ use super::exchange;
 use super::layers::{Fragment, Layers, Outlines};
 use super::ledger::{Tally, channels};
 use super::perturb;
-use super::transfer::specular::{MirrorSender, sense_vector};
+use super::transfer::specular::MirrorSender;
 use super::transfer::{Fixed, Quantum, add};
 use crate::directions::Directions;
 use crate::field::FieldError;
@@ -70,6 +70,23 @@ pub struct Scratch {
     used_senders: Vec<usize>,
     arrived: Vec<[Rgb; 2]>,
     tile: Vec<CoveredCell>,
+    flow: Flow,
+    failure: Option<FieldError>,
+}
+
+/// Sums over the lines of one PSF, channel by channel, each weighted by its shares.
+#[derive(Default)]
+struct Flow {
+    /// Left diffuse surfaces.
+    shot: Fixed,
+    /// Left mirrors.
+    shot_mirror: Fixed,
+    /// Left the scene.
+    left: Fixed,
+    /// Arrived at mirrors.
+    to_mirror: Fixed,
+    /// Arrived at mirrors, times their reflectance.
+    mirrored: Fixed,
 }
 
 /// The tile maps a step made: unshot radiance, and all that has arrived so far.
@@ -95,6 +112,26 @@ impl Scratch {
             used_senders: Vec::new(),
             arrived: Vec::new(),
             tile: Vec::new(),
+            flow: Flow::default(),
+            failure: None,
+        }
+    }
+
+    /// Adds a PSF's flow to the tally and lets go of its senders.
+    fn settle(&mut self, is_true: bool) {
+        let flow = std::mem::take(&mut self.flow);
+        let sum = |lines: &Fixed| i128::from(channels(lines));
+        self.tally.shot_diffuse += sum(&flow.shot);
+        self.tally.shot_mirror += sum(&flow.shot_mirror);
+        self.tally.left += sum(&flow.left);
+        self.tally.to_mirror += sum(&flow.to_mirror);
+        self.tally.mirrored += sum(&flow.mirrored);
+        if is_true {
+            self.tally.mirrored_true += sum(&flow.mirrored);
+        }
+        self.tally.fragments += self.layers.len() as u64;
+        for used in self.used_senders.drain(..) {
+            self.senders[used] = None;
         }
     }
 }
@@ -114,16 +151,15 @@ pub fn shoot(
     for number in 0..cycle.perturbations {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
         scratch.layers.rasterise(shared.outlines, &psf);
-        scratch.tally.fragments += scratch.layers.len() as u64;
-        let shares = shared.directions.shares(id).into();
-        let mut line = Line { shared, cycle, psf: &psf, shares, is_true: number == 0 };
-        if number == 0 && shared.has_mirrors() {
-            made = Some(line.with_maps(id, scratch)?);
-        } else {
-            line.without_maps(scratch)?;
-        }
-        for used in scratch.used_senders.drain(..) {
-            scratch.senders[used] = None;
+        let line = Line { shared, cycle, psf: &psf, is_true: number == 0 };
+        let maps = match shared.directions.shares(id) {
+            2 => line.shoot::<2>(id, scratch)?,
+            _ => line.shoot::<3>(id, scratch)?,
+        };
+        made = made.or(maps);
+        scratch.settle(number == 0);
+        if let Some(error) = scratch.failure.take() {
+            return Err(error);
         }
     }
     Ok(made)
@@ -134,22 +170,40 @@ struct Line<'a> {
     shared: &'a Shared<'a>,
     cycle: &'a Cycle<'a>,
     psf: &'a Psf,
-    shares: i64,
     is_true: bool,
 }
 
 impl Line<'_> {
-    fn without_maps(&mut self, scratch: &mut Scratch) -> Result<(), FieldError> {
-        for j in 0..self.psf.resolution {
-            for i in 0..self.psf.resolution {
-                self.cell(Cell { i, j }, scratch)?;
+    fn shoot<const SHARES: i64>(
+        mut self,
+        id: DirectionId,
+        scratch: &mut Scratch,
+    ) -> Result<Option<Made>, FieldError> {
+        if self.is_true && self.shared.has_mirrors() {
+            return self.with_maps::<SHARES>(id, scratch).map(Some);
+        }
+        self.without_maps::<SHARES>(scratch);
+        Ok(None)
+    }
+
+    fn without_maps<const SHARES: i64>(&mut self, scratch: &mut Scratch) {
+        // Tile by tile here too: neighbouring lines find their texels in the cache.
+        let Parameters { resolution, tile: m, .. } = *self.shared.parameters;
+        let n = resolution / m;
+        for tile in 0..n * n {
+            for inside in 0..m * m {
+                let (i, j) = (tile % n * m + inside % m, tile / n * m + inside / m);
+                self.cell::<SHARES>(Cell { i, j }, scratch);
             }
         }
-        Ok(())
     }
 
     /// Tile by tile, as the paper's loops go, writing what arrives at mirrors.
-    fn with_maps(&mut self, id: DirectionId, scratch: &mut Scratch) -> Result<Made, FieldError> {
+    fn with_maps<const SHARES: i64>(
+        &mut self,
+        id: DirectionId,
+        scratch: &mut Scratch,
+    ) -> Result<Made, FieldError> {
         let Parameters { resolution, tile: m, .. } = *self.shared.parameters;
         let exponent = self.shared.exponent;
         let before = self.cycle.pages.map(|p| p.read(id.0, ChunkKind::Arrived)).transpose()?;
@@ -161,7 +215,7 @@ impl Line<'_> {
             scratch.tile.clear();
             for inside in 0..m * m {
                 let cell = Cell { i: s * m + inside % m, j: t * m + inside / m };
-                self.cell(cell, scratch)?;
+                self.cell::<SHARES>(cell, scratch);
                 keep_mirrors(self.shared.texels, scratch, cell, inside);
             }
             unshot.tile(&mut scratch.tile);
@@ -178,118 +232,157 @@ impl Line<'_> {
             arrived.tile(&mut scratch.tile);
         }
         let made = Made { unshot: unshot.finish(), arrived: arrived.finish() };
-        self.tally_stored(&made.unshot, scratch);
+        self.tally_stored::<SHARES>(&made.unshot, scratch);
         Ok(made)
     }
 
     /// Exchanges light along the line of one cell.
-    fn cell(&mut self, cell: Cell, scratch: &mut Scratch) -> Result<(), FieldError> {
-        let Scratch { layers, sums, tally, senders, used_senders, arrived, .. } = scratch;
-        let fragments = layers.cell(cell.i, cell.j);
-        arrived.clear();
-        arrived.resize(fragments.len(), [Rgb::BLACK; 2]);
-        let mut failure = None;
-        exchange::pairs(fragments, |near, far| {
-            tally.pairs += 1;
-            let mut sent = |fragment: Option<(usize, Fragment)>, sense| match fragment {
-                None => Ok(FROM_OUTSIDE),
-                Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
-                    let value = match sense {
-                        Sense::Along => f.value_along(),
-                        Sense::Against => f.value_against(),
-                    };
-                    let line = self.cycle.current[value];
-                    tally.shot_diffuse += i128::from(channels(&line) * self.shares);
-                    Ok(line)
-                }
-                Some((_, f)) => self.mirror(cell, f, sense, (senders, used_senders), tally),
-            };
-            let (along, against) = (sent(near, Sense::Along), sent(far, Sense::Against));
-            let (along, against) = match (along, against) {
-                (Ok(along), Ok(against)) => (along, against),
-                (Err(e), _) | (_, Err(e)) => {
-                    failure.get_or_insert(e);
-                    return;
-                }
-            };
-            // What goes along arrives at the far one's side that faces against the direction.
-            for (receiver, line, sense) in
-                [(far, along, Sense::Against), (near, against, Sense::Along)]
-            {
-                match receiver {
-                    None => tally.left += i128::from(channels(&line) * self.shares),
-                    Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
-                        let value = match sense {
-                            Sense::Along => f.value_along(),
-                            Sense::Against => f.value_against(),
-                        };
-                        add(&mut sums[value], &line, self.shares);
-                    }
-                    Some((k, f)) => {
-                        self.arrive(f, &line, tally);
-                        arrived[k][sense.slot()] = self.shared.quantum.radiance(line);
-                    }
-                }
+    fn cell<const SHARES: i64>(&mut self, cell: Cell, scratch: &mut Scratch) {
+        let diffuse = self.shared.texels.diffuse;
+        let fragments = scratch.layers.cell(cell.i, cell.j);
+        exchange::order_contacts(fragments);
+        if fragments.iter().all(|f| f.texel() < diffuse) {
+            self.diffuse_cell::<SHARES>(fragments, &mut scratch.sums, &mut scratch.flow);
+        } else {
+            self.mixed_cell::<SHARES>(cell, scratch);
+        }
+    }
+
+    /// A line that meets diffuse surfaces only: texture map to texture map.
+    fn diffuse_cell<const SHARES: i64>(
+        &self,
+        fragments: &[Fragment],
+        sums: &mut [Fixed],
+        flow: &mut Flow,
+    ) {
+        let current = self.cycle.current;
+        let [first, .., last] = fragments else {
+            for only in fragments {
+                self.outermost::<SHARES>(only.value_against(), sums, flow);
+                self.outermost::<SHARES>(only.value_along(), sums, flow);
             }
-        });
-        failure.map_or(Ok(()), Err)
+            return;
+        };
+        self.outermost::<SHARES>(first.value_against(), sums, flow);
+        for pair in fragments.windows(2) {
+            let (near, far) = (pair[0], pair[1]);
+            if exchange::see_each_other(near, far) {
+                let (along, against) =
+                    (&current[near.value_along()], &current[far.value_against()]);
+                add::<SHARES>(&mut sums[far.value_against()], along);
+                add::<SHARES>(&mut sums[near.value_along()], against);
+                add::<SHARES>(&mut flow.shot, along);
+                add::<SHARES>(&mut flow.shot, against);
+            }
+        }
+        self.outermost::<SHARES>(last.value_along(), sums, flow);
+    }
+
+    /// A diffuse side that looks out of the scene.
+    fn outermost<const SHARES: i64>(&self, value: usize, sums: &mut [Fixed], flow: &mut Flow) {
+        add::<SHARES>(&mut sums[value], &FROM_OUTSIDE);
+        add::<SHARES>(&mut flow.shot, &self.cycle.current[value]);
+        add::<SHARES>(&mut flow.left, &self.cycle.current[value]);
+    }
+
+    /// A line that meets mirrors as well.
+    fn mixed_cell<const SHARES: i64>(&mut self, cell: Cell, scratch: &mut Scratch) {
+        let count = scratch.layers.cell(cell.i, cell.j).len();
+        scratch.arrived.clear();
+        scratch.arrived.resize(count, [Rgb::BLACK; 2]);
+        for gap in 0..=count {
+            let fragments = scratch.layers.cell(cell.i, cell.j);
+            let near = gap.checked_sub(1).map(|k| (k, fragments[k]));
+            let far = (gap < count).then(|| (gap, fragments[gap]));
+            if let (Some((_, near)), Some((_, far))) = (near, far)
+                && !exchange::see_each_other(near, far)
+            {
+                continue;
+            }
+            let along = self.sent::<SHARES>(cell, near, Sense::Along, scratch);
+            let against = self.sent::<SHARES>(cell, far, Sense::Against, scratch);
+            // What goes along arrives at the far one's side that faces against the direction.
+            self.received::<SHARES>(far, &along, Sense::Against, scratch);
+            self.received::<SHARES>(near, &against, Sense::Along, scratch);
+        }
+    }
+
+    /// What a fragment sends, or what comes from outside the scene.
+    fn sent<const SHARES: i64>(
+        &self,
+        cell: Cell,
+        sender: Option<(usize, Fragment)>,
+        sense: Sense,
+        scratch: &mut Scratch,
+    ) -> Fixed {
+        let Some((_, fragment)) = sender else { return FROM_OUTSIDE };
+        if fragment.texel() < self.shared.texels.diffuse {
+            let line = self.cycle.current[fragment.value(sense)];
+            add::<SHARES>(&mut scratch.flow.shot, &line);
+            return line;
+        }
+        let line = self.mirror(cell, fragment, sense, scratch);
+        add::<SHARES>(&mut scratch.flow.shot_mirror, &line);
+        line
+    }
+
+    /// Takes what arrives at a fragment, or leaves the scene.
+    fn received<const SHARES: i64>(
+        &self,
+        receiver: Option<(usize, Fragment)>,
+        line: &Fixed,
+        sense: Sense,
+        scratch: &mut Scratch,
+    ) {
+        match receiver {
+            None => add::<SHARES>(&mut scratch.flow.left, line),
+            Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
+                add::<SHARES>(&mut scratch.sums[f.value(sense)], line);
+            }
+            Some((k, f)) => {
+                self.arrive::<SHARES>(f, line, &mut scratch.flow);
+                scratch.arrived[k][sense.slot()] = self.shared.quantum.radiance(*line);
+            }
+        }
     }
 
     /// What a mirror sends from its fragment in a cell.
-    fn mirror(
-        &self,
-        cell: Cell,
-        fragment: Fragment,
-        sense: Sense,
-        (senders, used): (&mut [Option<MirrorSender>], &mut Vec<usize>),
-        tally: &mut Tally,
-    ) -> Result<Fixed, FieldError> {
-        let Shared { scene, texels, directions, .. } = self.shared;
-        let mirror = fragment.texel() - texels.diffuse;
-        let slot = 2 * mirror as usize + sense.slot();
-        let sender = match &mut senders[slot] {
-            Some(sender) => sender,
-            empty => {
-                let surface = SurfaceId(texels.surface_of[fragment.texel() as usize]);
-                let outgoing = sense_vector(self.psf.direction, sense);
-                let emits = self.cycle.number == 0;
-                used.push(slot);
-                let what = (surface, outgoing, emits);
-                let pages = self.cycle.pages;
-                empty.insert(MirrorSender::new(
-                    scene,
-                    directions,
-                    pages,
-                    what,
-                    self.psf.resolution,
-                )?)
+    fn mirror(&self, cell: Cell, fragment: Fragment, sense: Sense, scratch: &mut Scratch) -> Fixed {
+        let texels = self.shared.texels;
+        let slot = 2 * (fragment.texel() - texels.diffuse) as usize + sense.slot();
+        if scratch.senders[slot].is_none() {
+            let Shared { scene, directions, .. } = *self.shared;
+            let surface = SurfaceId(texels.surface_of[fragment.texel() as usize]);
+            let what = (surface, self.psf.direction * sense.sign(), self.cycle.number == 0);
+            let pages = self.cycle.pages;
+            match MirrorSender::new(scene, directions, pages, what, self.psf.resolution) {
+                Ok(sender) => scratch.senders[slot] = Some(sender),
+                Err(error) => {
+                    scratch.failure.get_or_insert(error);
+                    return FROM_OUTSIDE;
+                }
             }
-        };
-        tally.gathers += 1;
+            scratch.used_senders.push(slot);
+        }
+        let Some(sender) = &scratch.senders[slot] else { return FROM_OUTSIDE };
+        scratch.tally.gathers += 1;
         let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
         let radiance = sender.radiance(self.psf.unproject(x, y, fragment.depth()));
-        if radiance.is_none() {
-            tally.holes += 1;
-        }
-        let line = self.shared.quantum.fixed(radiance.unwrap_or_default());
-        tally.shot_mirror += i128::from(channels(&line) * self.shares);
-        Ok(line)
+        scratch.tally.holes += u64::from(radiance.is_none());
+        self.shared.quantum.fixed(radiance.unwrap_or_default())
     }
 
     /// Accounts for light that arrives at a mirror.
-    fn arrive(&self, fragment: Fragment, line: &Fixed, tally: &mut Tally) {
+    fn arrive<const SHARES: i64>(&self, fragment: Fragment, line: &Fixed, flow: &mut Flow) {
         let surface = SurfaceId(self.shared.texels.surface_of[fragment.texel() as usize]);
         let rho = self.shared.scene.material_of(surface).reflectance.factor().0;
-        let reflected: i64 = (0..3).map(|c| (line[c] as f64 * f64::from(rho[c])) as i64).sum();
-        tally.to_mirror += i128::from(channels(line) * self.shares);
-        tally.mirrored += i128::from(reflected * self.shares);
-        if self.is_true {
-            tally.mirrored_true += i128::from(reflected * self.shares);
-        }
+        let reflected = |c: usize| (line[c] as f64 * f64::from(rho[c])) as i64;
+        add::<SHARES>(&mut flow.to_mirror, line);
+        add::<SHARES>(&mut flow.mirrored, &[reflected(0), reflected(1), reflected(2), 0]);
     }
 
     /// Accounts for the unshot radiance as it was stored.
-    fn tally_stored(&self, unshot: &[u8], scratch: &mut Scratch) {
+    fn tally_stored<const SHARES: i64>(&self, unshot: &[u8], scratch: &mut Scratch) {
         let Parameters { resolution, tile, .. } = *self.shared.parameters;
         let surfaces = self.shared.scene.surfaces.len() as u32;
         let check = crate::format::tiles::Layout::check;
@@ -301,7 +394,7 @@ impl Line<'_> {
             let rho = self.shared.scene.material_of(surface).reflectance.factor();
             for radiance in both {
                 let line = self.shared.quantum.fixed(radiance * rho);
-                scratch.tally.stored += i128::from(channels(&line) * self.shares);
+                scratch.tally.stored += i128::from(channels(&line) * SHARES);
             }
         });
     }
@@ -310,8 +403,9 @@ impl Line<'_> {
 /// Keeps what arrived at the mirrors of a cell for the tile's map.
 fn keep_mirrors(texels: &Texels, scratch: &mut Scratch, cell: Cell, inside: u32) {
     let fragments = scratch.layers.cell(cell.i, cell.j);
-    for (fragment, radiance) in fragments.iter().zip(&scratch.arrived) {
+    for (k, fragment) in fragments.iter().enumerate() {
         if fragment.texel() >= texels.diffuse {
+            let radiance = &scratch.arrived[k];
             let surface = SurfaceId(texels.surface_of[fragment.texel() as usize]);
             scratch.tile.push(CoveredCell { surface, cell: inside, radiance: *radiance });
         }

@@ -143,7 +143,7 @@ pub fn summary(path: &Path) -> anyhow::Result<String> {
             l.income(),
             part(l.absorbed),
             part(l.left),
-            part(l.unshot),
+            part(l.unshot()),
             part(l.holes),
             part(l.sampling),
             part(l.quantised),
@@ -156,7 +156,7 @@ pub fn summary(path: &Path) -> anyhow::Result<String> {
     } else {
         write!(out, "  baked")?;
     }
-    write!(out, ": {} fragments, {} pairs", s.fragments, s.pairs)?;
+    write!(out, ": {} fragments", s.fragments)?;
     if s.gathers > 0 {
         write!(out, ", {} lookups of mirrors, {} in holes", s.gathers, s.holes)?;
     }
@@ -175,6 +175,7 @@ pub fn json(path: &Path) -> anyhow::Result<Value> {
         .map(|l| {
             let mut entry = serde_json::to_value(l).unwrap_or_default();
             entry["residual"] = l.residual().into();
+            entry["unshot"] = l.unshot().into();
             entry
         })
         .collect();

@@ -43,7 +43,7 @@ pub enum Phase {
 /// The energy ledger of one cycle, in W (mean of the channels, the scene's own units of length).
 ///
 /// `emitted + carried_in = absorbed + left + unshot + holes + sampling + quantised`, up to
-/// [`CycleLedger::residual`].
+/// [`CycleLedger::residual`]; `unshot` is the sum of the diffuse surfaces' and the mirrors'.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CycleLedger {
     /// The cycle.
@@ -56,8 +56,10 @@ pub struct CycleLedger {
     pub absorbed: f64,
     /// Left the scene along lines that meet nothing more.
     pub left: f64,
-    /// Reflected in this cycle and not yet shot.
-    pub unshot: f64,
+    /// Reflected by diffuse surfaces in this cycle and not yet shot.
+    pub unshot_diffuse: f64,
+    /// What mirrors will reflect of what arrived at them in this cycle.
+    pub unshot_mirror: f64,
     /// Lost (positive) or gained by interpolating mirrors' radiance between directions and cells.
     pub holes: f64,
     /// Lost or gained because lines sample areas: what the lines carry less what the areas say.
@@ -72,9 +74,14 @@ impl CycleLedger {
         self.emitted + self.carried_in
     }
 
+    /// What is still to be shot.
+    pub fn unshot(&self) -> f64 {
+        self.unshot_diffuse + self.unshot_mirror
+    }
+
     /// What the ledger does not account for, as a fraction of what came in.
     pub fn residual(&self) -> f64 {
-        let out = self.absorbed + self.left + self.unshot;
+        let out = self.absorbed + self.left + self.unshot();
         let lost = self.holes + self.sampling + self.quantised;
         if self.income() > 0.0 { (self.income() - out - lost) / self.income() } else { 0.0 }
     }
@@ -87,16 +94,12 @@ pub struct Statistics {
     pub seconds: f64,
     /// Fragments rasterised.
     pub fragments: u64,
-    /// Pairs of surfaces that exchanged light along a line.
-    pub pairs: u64,
     /// Radiance lookups in unshot maps of mirrors.
     pub gathers: u64,
     /// Lookups that found no cell of the mirror in any of the three directions.
     pub holes: u64,
     /// Bytes of tile files written.
     pub bytes_written: u64,
-    /// Surfaces in a tile, averaged over the tiles of the total maps that hold any.
-    pub surfaces_per_tile: f64,
 }
 
 /// The commit record of a field.

@@ -26,6 +26,9 @@ const BOX_WIDENING: f32 = 2e-6;
 /// 1e-4 to a ray's origin, and so would lose the neighbouring wall of a ray that starts in a corner.
 const HEAD_START: f32 = 2.5e-4;
 
+/// Surfaces that a ray meets within this length of each other lie at one place for it.
+const COINCIDENT: f64 = 1e-6;
+
 /// An eye nearer to a surface than this, in the fitted scene's units, lies on it.
 pub const TOUCHING: f32 = 1e-5;
 
@@ -112,6 +115,7 @@ impl Visible {
         let ray = Ray::new(start, Vec3A::from(dir), 0.0, f32::INFINITY);
         let mut found = RayHit::none();
         let mut best = f64::INFINITY;
+        let mut best_rank = (true, u32::MAX);
         let mut surface = u32::MAX;
         self.bvh.ray_traverse(ray, &mut found, |_, at| {
             let facet = &self.facets[self.bvh.primitive_indices[at] as usize];
@@ -119,13 +123,14 @@ impl Visible {
                 return f32::INFINITY;
             }
             let t = facet.meet(o, d);
-            // Of two coplanar surfaces the first one wins, whatever the order of the walk.
-            let first = t < best || (t == best && facet.surface < surface);
-            if t.is_finite() && t >= f64::from(t_min) && first {
-                (best, surface) = (t, facet.surface);
-                return t as f32 + HEAD_START;
+            if !t.is_finite() || t < f64::from(t_min) || t > best + COINCIDENT {
+                return f32::INFINITY;
             }
-            f32::INFINITY
+            let rank = self.rank(facet.surface, d);
+            if t < best - COINCIDENT || rank < best_rank {
+                (best, best_rank, surface) = (t, rank, facet.surface);
+            }
+            best as f32 + HEAD_START + COINCIDENT as f32
         });
         (surface != u32::MAX).then(|| {
             let plane = self.planes[surface as usize];
@@ -138,6 +143,14 @@ impl Visible {
                 side: Side::facing(-plane.normal.dot(d) as f32),
             }
         })
+    }
+
+    /// Which of several surfaces at one place a ray sees, the least rank first: one that shows its
+    /// front, and of coplanar ones that face the same way always the same from either side, as the
+    /// bake has it.
+    fn rank(&self, surface: u32, d: DVec3) -> (bool, u32) {
+        let back = self.planes[surface as usize].normal.dot(d) > 0.0;
+        (back, if back { u32::MAX - surface } else { surface })
     }
 
     /// Whether an eye sees nothing but back sides all around, as one inside a closed solid does.
@@ -329,12 +342,15 @@ mod tests {
     }
 
     #[test]
-    fn of_many_coincident_surfaces_the_first_is_seen() {
+    fn of_coincident_surfaces_the_first_is_seen_from_the_front_and_the_last_from_behind() {
         let one = quad(0, Vec3::new(-0.5, -0.5, 0.3), Vec3::X, Vec3::Y);
         let visible = Visible::new(&scene_of(vec![one; 5000], Vec::new()));
         for i in 0..50 {
             let o = Vec3::new(i as f32 * 0.019 - 0.47, 0.1, 0.0);
-            assert_eq!(visible.nearest(o, Vec3::Z, 0.0).unwrap().surface, SurfaceId(0));
+            let behind = visible.nearest(o, Vec3::Z, 0.0).unwrap();
+            assert_eq!((behind.surface, behind.side), (SurfaceId(4999), Side::Back));
+            let before = visible.nearest(o + Vec3::Z * 0.6, -Vec3::Z, 0.0).unwrap();
+            assert_eq!((before.surface, before.side), (SurfaceId(0), Side::Front));
         }
     }
 

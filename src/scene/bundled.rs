@@ -104,6 +104,9 @@ mod tests {
         let mut seen = 0;
         for entry in std::fs::read_dir(folder).unwrap() {
             let folder = entry.unwrap().path();
+            if !folder.is_dir() {
+                continue;
+            }
             let name = folder.file_name().unwrap().to_owned();
             let (_, report) = Scene::open(&folder.join(name).with_extension("obj")).unwrap();
             assert_eq!(report.notes, [], "{}", folder.display());

@@ -43,9 +43,9 @@ impl Quantum {
     }
 }
 
-/// Adds `shares` times a line's radiance to a sum.
-pub fn add(sum: &mut Fixed, line: &Fixed, shares: i64) {
+/// Adds `SHARES` times a line's radiance to a sum.
+pub fn add<const SHARES: i64>(sum: &mut Fixed, line: &Fixed) {
     for (s, l) in sum.iter_mut().zip(line) {
-        *s += l * shares;
+        *s += l * SHARES;
     }
 }

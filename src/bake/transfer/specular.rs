@@ -9,7 +9,7 @@ use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::{Page, Pages};
 use crate::gather::{Around, mirrored};
-use crate::ids::{Sense, Side, SurfaceId};
+use crate::ids::{Side, SurfaceId};
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use glam::Vec3;
@@ -67,9 +67,4 @@ impl MirrorSender {
         let arrived = self.around.radiance(&maps, self.surface, point)?;
         Some(arrived * self.factor + self.emitted)
     }
-}
-
-/// Unit vector of a sense of a direction.
-pub fn sense_vector(direction: Vec3, sense: Sense) -> Vec3 {
-    direction * sense.sign()
 }

@@ -2,7 +2,7 @@
 //!
 //! In: the scene, its [`Visible`], a camera, and a function from a direction and a hit to radiance
 //! (section 6 of the paper has two). Out: a [`Picture`]. Each pixel is the plain mean over stratified
-//! points of its square, a box filter. Same bits for every run and any number of threads.
+//! points of its square, a box filter; more of them where they disagree. Same bits for every run and any number of threads.
 
 use crate::look::image::Picture;
 use crate::look::visible::{Hit, Visible};
@@ -23,7 +23,8 @@ pub const MOST_SAMPLES: u32 = 4096;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Samples a pixel, `1..=4096`; a number outside is taken as the nearest inside. Powers of two
-    /// are stratified best. One sample looks through the pixel's middle.
+    /// are stratified best. Pixels whose samples disagree take more. One sample looks through the
+    /// pixel's middle.
     pub samples: u32,
 }
 
@@ -35,6 +36,36 @@ impl Default for Options {
 
 /// Radiance that arrives along a unit direction (pointing away from the eye) from a hit, W sr^-1 m^-2.
 pub type Radiance<'a> = dyn Fn(Vec3, &Hit) -> Rgb + Sync + 'a;
+
+/// A pixel whose samples disagree, as where a lamp's edge runs through it, takes up to this many times
+/// as many.
+const REFINED: u32 = 16;
+
+/// A pixel's mean that may be off by more than this part of itself is uncertain.
+const UNCERTAIN: f64 = 0.05;
+
+/// Sums from which the error of a mean is judged.
+#[derive(Default)]
+struct Moments {
+    count: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Moments {
+    fn add(&mut self, value: f64) {
+        self.count += 1.0;
+        self.sum += value;
+        self.squares += value * value;
+    }
+
+    /// Whether the standard error of the mean is above [`UNCERTAIN`] of the mean. The samples are
+    /// stratified, so the true error is less.
+    fn is_uncertain(&self) -> bool {
+        let variance = (self.squares - self.sum * self.sum / self.count).max(0.0);
+        variance > (UNCERTAIN * self.sum).powi(2)
+    }
+}
 
 /// Takes a picture, on all threads of the rayon pool it is called in. Pixels that look past the scene
 /// are black. `progress` is told the finished part, in (0, 1], row by row and from any thread.
@@ -48,20 +79,30 @@ pub fn render(
 ) -> Picture {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let view = camera.view(&scene.fit);
-    let places = places(options.samples.clamp(1, MOST_SAMPLES));
+    let samples = options.samples.clamp(1, MOST_SAMPLES);
+    let places = places(samples * if samples > 1 { REFINED } else { 1 });
     let pixel = |x: usize, y: usize| -> Rgb {
         let seed = hash(x as u32 ^ hash(y as u32));
         // Sums of many samples in f64: the mean of equal values is that value.
         let mut sum = [0.0f64; 3];
-        for place in &places {
-            let [dx, dy] = if places.len() == 1 { [0.5; 2] } else { shuffled(*place, seed) };
-            let (origin, dir) = view.ray(x as f64 + dx, y as f64 + dy);
-            if let Some(hit) = visible.nearest(origin, dir, 0.0) {
-                let found = radiance(dir, &hit);
+        let mut moments = Moments::default();
+        let mut taken = 0;
+        let mut wanted = samples as usize;
+        while taken < wanted {
+            for place in &places[taken..wanted] {
+                let [dx, dy] = if samples == 1 { [0.5; 2] } else { shuffled(*place, seed) };
+                let (origin, dir) = view.ray(x as f64 + dx, y as f64 + dy);
+                let hit = visible.nearest(origin, dir, 0.0);
+                let found = hit.map_or(Rgb::BLACK, |hit| radiance(dir, &hit));
                 (0..3).for_each(|c| sum[c] += f64::from(found.0[c]));
+                moments.add(f64::from(found.mean()));
+            }
+            taken = wanted;
+            if samples > 1 && moments.is_uncertain() {
+                wanted = (2 * wanted).min(places.len());
             }
         }
-        Rgb(sum.map(|s| (s / places.len() as f64) as f32))
+        Rgb(sum.map(|s| (s / taken as f64) as f32))
     };
     let mut picture = Picture::black(camera.width, camera.height);
     let rows_done = AtomicUsize::new(0);
