@@ -4,9 +4,10 @@
 //! the state of a bake is the committed generation, the sums so far and the set of directions they
 //! hold, and any interruption costs at most the time since the last commit.
 
-use super::layers::Outlines;
+use super::layers::{Layers, Outlines};
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
-use super::step::{Cycle, Scratch, Shared, shoot};
+use super::reach::Reach;
+use super::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
 use super::totals;
 use super::transfer::diffuse::{diffuse_factor, next_textures};
 use super::transfer::{Fixed, Quantum};
@@ -72,7 +73,7 @@ impl<'a> Bake<'a> {
             .num_threads(options.threads.max(1))
             .build()
             .map_err(|e| BakeError::Parameter(format!("--threads: {e}")))?;
-        Ok(Bake {
+        let mut bake = Bake {
             scene,
             texels,
             directions,
@@ -86,7 +87,31 @@ impl<'a> Bake<'a> {
             pool,
             committed: Instant::now(),
             counted: Instant::now(),
-        })
+        };
+        let lit = bake.reach();
+        bake.outlines.mark_lit(&lit);
+        Ok(bake)
+    }
+
+    /// Which sides light can come to, from one sweep over the lines.
+    fn reach(&self) -> Vec<[bool; 2]> {
+        let next = AtomicUsize::new(0);
+        let shared = self.shared();
+        let surfaces = self.scene.surfaces.len();
+        let swept = self.pool.broadcast(|_| {
+            let mut reach = Reach::new(surfaces);
+            let mut layers = Layers::default();
+            loop {
+                let direction = next.fetch_add(1, Ordering::Relaxed);
+                if direction >= self.directions.len() {
+                    return reach;
+                }
+                reach.sweep(&shared, DirectionId(direction as u32), &mut layers);
+            }
+        });
+        let mut reach = Reach::new(surfaces);
+        swept.iter().for_each(|s| reach.merge(s));
+        reach.lit(&shared)
     }
 
     /// Runs to the end, or until asked to stop.
@@ -141,7 +166,8 @@ impl<'a> Bake<'a> {
     fn cycle(&mut self) -> Result<Walk, BakeError> {
         let cycle = self.field.manifest().cycle;
         let textures = self.textures()?;
-        let current: Vec<Fixed> = textures.current.iter().map(|v| self.quantum.fixed(*v)).collect();
+        let shot = textures.current.iter().map(|v| self.quantum.fixed(*v));
+        let current: Vec<Fixed> = shot.chain([FROM_OUTSIDE]).collect();
         let mut sums = vec![[0i64; 4]; current.len()];
         let mut tally = Tally::default();
         if self.field.manifest().has_sums {
@@ -150,7 +176,7 @@ impl<'a> Bake<'a> {
         let perturbations = self.perturbations(cycle);
         let has_mirrors = self.shared().has_mirrors();
         let folder = names::generation(cycle + 1);
-        if has_mirrors {
+        if has_mirrors && !self.all_done() {
             self.field.begin_folder(&folder)?;
         }
         let workers: Vec<Mutex<Scratch>> = (0..self.options.threads.max(1))
@@ -289,7 +315,7 @@ impl<'a> Bake<'a> {
         let bytes = self.field.read_sums()?;
         let mut r = Reader::new(&bytes);
         let tally = Tally::read(&mut r)?;
-        let mut sums = vec![[0i64; 4]; 2 * self.texels.len()];
+        let mut sums = vec![[0i64; 4]; 2 * self.texels.len() + 1];
         for sum in sums.iter_mut().flatten() {
             *sum = r.i64()?;
         }
@@ -348,6 +374,9 @@ impl<'a> Bake<'a> {
         let mut total = textures.total;
         total.iter_mut().zip(&next).for_each(|(t, n)| *t += *n);
         self.field.write_textures(cycle + 1, &Textures { total, current: next })?;
+        if self.shared().has_mirrors() {
+            self.field.publish_folder(&names::generation(cycle + 1))?;
+        }
         self.count_seconds();
         let manifest = self.field.manifest_mut();
         manifest.ledger.push(ledger);
@@ -376,7 +405,9 @@ impl<'a> Bake<'a> {
         let textures = self.textures()?;
         let lit = totals::lit_sides(self.texels, &textures.total);
         let has_mirrors = self.shared().has_mirrors();
-        self.field.begin_folder(names::TOTAL)?;
+        if !self.all_done() {
+            self.field.begin_folder(names::TOTAL)?;
+        }
         let workers: Vec<Mutex<totals::Scratch>> =
             (0..self.options.threads.max(1)).map(|_| Mutex::default()).collect();
         while !self.all_done() {
@@ -403,6 +434,7 @@ impl<'a> Bake<'a> {
                 return Ok(Walk::Stopped);
             }
         }
+        self.field.publish_folder(names::TOTAL)?;
         let fragments: u64 = workers.iter().map(|w| lock(w).fragments).sum();
         let digest = self.field.digest()?;
         self.count_seconds();

@@ -18,12 +18,41 @@ const EDGE_ON: f32 = 1e-5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Fragment(u64);
 
+/// What a fragment says of its surface besides the texel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Facing {
+    /// Whether the surface's normal points along the direction.
+    pub along: bool,
+    /// Whether light can come to the sides that face along and against the direction.
+    pub lit: [bool; 2],
+}
+
+const FACES_ALONG: u64 = 1;
+const LIT_ALONG: u64 = 2;
+const LIT_AGAINST: u64 = 4;
+const TEXEL_SHIFT: u32 = 3;
+
+/// Most texels that fragments can name.
+pub const MOST_TEXELS: usize = 1 << (32 - TEXEL_SHIFT);
+
+impl Facing {
+    fn bits(self) -> u64 {
+        u64::from(self.along) * FACES_ALONG
+            | u64::from(self.lit[0]) * LIT_ALONG
+            | u64::from(self.lit[1]) * LIT_AGAINST
+    }
+}
+
 impl Fragment {
     /// A fragment at a depth in [-1, 1].
-    pub fn new(depth: f32, texel: u32, faces_along: bool) -> Fragment {
-        // Depth in [-1, 1]; with 2 added it is positive, and positive floats order as their bits do.
+    pub fn new(depth: f32, texel: u32, facing: Facing) -> Fragment {
+        Fragment::with_bits(depth, texel, facing.bits())
+    }
+
+    fn with_bits(depth: f32, texel: u32, bits: u64) -> Fragment {
+        // With 2 added the depth is positive, and positive floats order as their bits do.
         let key = u64::from((depth + 2.0).to_bits()) << 32;
-        Fragment(key | u64::from(texel << 1 | u32::from(faces_along)))
+        Fragment(key | u64::from(texel) << TEXEL_SHIFT | bits)
     }
 
     /// Depth along the PSF's direction, in the fitted scene's units.
@@ -33,12 +62,22 @@ impl Fragment {
 
     /// The texel it lies in; of a mirror, the mirror's own number.
     pub fn texel(self) -> u32 {
-        self.0 as u32 >> 1
+        self.0 as u32 >> TEXEL_SHIFT
     }
 
     /// Whether the surface's normal points along the direction.
     pub fn faces_along(self) -> bool {
-        self.0 & 1 == 1
+        self.0 & FACES_ALONG != 0
+    }
+
+    /// Whether light can come to the side that faces along the direction.
+    pub fn lit_along(self) -> bool {
+        self.0 & LIT_ALONG != 0
+    }
+
+    /// Whether light can come to the side that faces against the direction.
+    pub fn lit_against(self) -> bool {
+        self.0 & LIT_AGAINST != 0
     }
 
     /// The texture value of the side that faces one way.
@@ -51,12 +90,12 @@ impl Fragment {
 
     /// The texture value of the side that faces along the direction: `2 texel + side`.
     pub fn value_along(self) -> usize {
-        (self.0 as u32 ^ 1) as usize
+        (2 * self.texel() + u32::from(!self.faces_along())) as usize
     }
 
     /// The texture value of the side that faces against the direction.
     pub fn value_against(self) -> usize {
-        self.0 as u32 as usize
+        (2 * self.texel() + u32::from(self.faces_along())) as usize
     }
 }
 
@@ -79,6 +118,15 @@ struct Plane {
     width: u32,
     height: u32,
     polygons: (u32, u32),
+    /// Whether light can come to the front and the back.
+    lit: [bool; 2],
+}
+
+impl Plane {
+    fn facing(&self, along: bool) -> Facing {
+        let [front, back] = self.lit;
+        Facing { along, lit: if along { [front, back] } else { [back, front] } }
+    }
 }
 
 struct Outline {
@@ -106,9 +154,15 @@ impl Outlines {
                 width: lattice.width,
                 height: lattice.height,
                 polygons: (from, out.polygons.len() as u32),
+                lit: [true; 2],
             });
         }
         out
+    }
+
+    /// Lets fragments say which sides light can come to; until then all are taken to be lit.
+    pub fn mark_lit(&mut self, lit: &[[bool; 2]]) {
+        self.surfaces.iter_mut().zip(lit).for_each(|(plane, lit)| plane.lit = *lit);
     }
 }
 
@@ -129,7 +183,7 @@ struct Gradients {
     last_row: f32,
     first: u32,
     width: u32,
-    faces_along: bool,
+    facing: u64,
 }
 
 impl Gradients {
@@ -161,7 +215,7 @@ impl Gradients {
             last_row: (plane.height - 1) as f32,
             first: plane.first,
             width: plane.width,
-            faces_along: cosine > 0.0,
+            facing: plane.facing(cosine > 0.0).bits(),
         })
     }
 }
@@ -287,7 +341,7 @@ impl Layers {
                 let r = (row + x * g.row.per_column).clamp(0.0, g.last_row) as u32;
                 *slot -= 1;
                 self.fragments[*slot as usize] =
-                    Fragment::new(z, g.first + r * g.width + c, g.faces_along);
+                    Fragment::with_bits(z, g.first + r * g.width + c, g.facing);
             }
         }
     }

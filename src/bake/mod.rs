@@ -1,7 +1,7 @@
 //! Act one, made: light is propagated through the field (section 4).
 //!
 //! In: a [`Scene`] and [`Parameters`]. Out: a field directory. The stages, in the data's order:
-//! [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels),
+//! [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels), [`reach`] (which sides light can come to),
 //! [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
 //! [`totals`] (the last sweep).
 
@@ -10,6 +10,8 @@ pub mod layers;
 pub mod exchange;
 
 pub mod perturb;
+
+pub mod reach;
 
 pub mod transfer;
 

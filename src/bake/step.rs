@@ -51,7 +51,8 @@ impl Shared<'_> {
 pub struct Cycle<'a> {
     /// Its number.
     pub number: u32,
-    /// Current texture maps in fixed point, two values a texel.
+    /// Current texture maps in fixed point, two values a texel, and one value more: what comes from
+    /// outside the scene, see [`FROM_OUTSIDE`].
     pub current: &'a [Fixed],
     /// Unshot maps of mirrors; none in the first cycle and in scenes without mirrors.
     pub pages: Option<&'a Pages<'a>>,
@@ -59,15 +60,23 @@ pub struct Cycle<'a> {
     pub perturbations: u32,
 }
 
+impl Cycle<'_> {
+    /// The value that stands for the space outside the scene; its sum is what left.
+    fn outside(&self) -> u32 {
+        self.current.len() as u32 - 1
+    }
+}
+
 /// A worker's own memory, reused from step to step.
 pub struct Scratch {
     layers: Layers,
-    /// Sums over lines, two a texel.
+    /// Sums over lines, two a texel and one for the space outside.
     pub sums: Vec<Fixed>,
     /// Sums for the ledger.
     pub tally: Tally,
     senders: Vec<Option<MirrorSender>>,
     used_senders: Vec<usize>,
+    pairs: Vec<[u32; 2]>,
     arrived: Vec<[Rgb; 2]>,
     tile: Vec<CoveredCell>,
     flow: Flow,
@@ -81,8 +90,6 @@ struct Flow {
     shot: Fixed,
     /// Left mirrors.
     shot_mirror: Fixed,
-    /// Left the scene.
-    left: Fixed,
     /// Arrived at mirrors.
     to_mirror: Fixed,
     /// Arrived at mirrors, times their reflectance.
@@ -98,7 +105,7 @@ pub struct Made {
 }
 
 /// Nothing comes along a line from outside the scene; but it counts as a line.
-const FROM_OUTSIDE: Fixed = [0, 0, 0, 1];
+pub const FROM_OUTSIDE: Fixed = [0, 0, 0, 1];
 
 impl Scratch {
     /// For a scene's texels.
@@ -106,7 +113,8 @@ impl Scratch {
         let mirrors = texels.len() - texels.diffuse as usize;
         Scratch {
             layers: Layers::default(),
-            sums: vec![[0; 4]; 2 * texels.len()],
+            sums: vec![[0; 4]; 2 * texels.len() + 1],
+            pairs: Vec::new(),
             tally: Tally::default(),
             senders: (0..2 * mirrors).map(|_| None).collect(),
             used_senders: Vec::new(),
@@ -123,7 +131,6 @@ impl Scratch {
         let sum = |lines: &Fixed| i128::from(channels(lines));
         self.tally.shot_diffuse += sum(&flow.shot);
         self.tally.shot_mirror += sum(&flow.shot_mirror);
-        self.tally.left += sum(&flow.left);
         self.tally.to_mirror += sum(&flow.to_mirror);
         self.tally.mirrored += sum(&flow.mirrored);
         if is_true {
@@ -195,6 +202,7 @@ impl Line<'_> {
                 let (i, j) = (tile % n * m + inside % m, tile / n * m + inside / m);
                 self.cell::<SHARES>(Cell { i, j }, scratch);
             }
+            self.transfer::<SHARES>(scratch);
         }
     }
 
@@ -218,6 +226,7 @@ impl Line<'_> {
                 self.cell::<SHARES>(cell, scratch);
                 keep_mirrors(self.shared.texels, scratch, cell, inside);
             }
+            self.transfer::<SHARES>(scratch);
             unshot.tile(&mut scratch.tile);
             if let Some(before) = &before {
                 for kept in &mut scratch.tile {
@@ -236,53 +245,50 @@ impl Line<'_> {
         Ok(made)
     }
 
-    /// Exchanges light along the line of one cell.
+    /// Exchanges light along the line of one cell. Pairs of diffuse surfaces are put down and wait for
+    /// [`Line::transfer`].
     fn cell<const SHARES: i64>(&mut self, cell: Cell, scratch: &mut Scratch) {
         let diffuse = self.shared.texels.diffuse;
         let fragments = scratch.layers.cell(cell.i, cell.j);
         exchange::order_contacts(fragments);
-        if fragments.iter().all(|f| f.texel() < diffuse) {
-            self.diffuse_cell::<SHARES>(fragments, &mut scratch.sums, &mut scratch.flow);
-        } else {
-            self.mixed_cell::<SHARES>(cell, scratch);
+        if !fragments.iter().all(|f| f.texel() < diffuse) {
+            return self.mixed_cell::<SHARES>(cell, scratch);
         }
-    }
-
-    /// A line that meets diffuse surfaces only: texture map to texture map.
-    fn diffuse_cell<const SHARES: i64>(
-        &self,
-        fragments: &[Fragment],
-        sums: &mut [Fixed],
-        flow: &mut Flow,
-    ) {
-        let current = self.cycle.current;
-        let [first, .., last] = fragments else {
+        let outside = self.cycle.outside();
+        let pairs = &mut scratch.pairs;
+        let [first, .., last] = &*fragments else {
             for only in fragments {
-                self.outermost::<SHARES>(only.value_against(), sums, flow);
-                self.outermost::<SHARES>(only.value_along(), sums, flow);
+                pairs.push([outside, only.value_against() as u32]);
+                pairs.push([only.value_along() as u32, outside]);
             }
             return;
         };
-        self.outermost::<SHARES>(first.value_against(), sums, flow);
+        if first.lit_against() {
+            pairs.push([outside, first.value_against() as u32]);
+        }
         for pair in fragments.windows(2) {
             let (near, far) = (pair[0], pair[1]);
-            if exchange::see_each_other(near, far) {
-                let (along, against) =
-                    (&current[near.value_along()], &current[far.value_against()]);
-                add::<SHARES>(&mut sums[far.value_against()], along);
-                add::<SHARES>(&mut sums[near.value_along()], against);
-                add::<SHARES>(&mut flow.shot, along);
-                add::<SHARES>(&mut flow.shot, against);
+            if is_lit(near, far) && exchange::see_each_other(near, far) {
+                pairs.push([near.value_along() as u32, far.value_against() as u32]);
             }
         }
-        self.outermost::<SHARES>(last.value_along(), sums, flow);
+        if last.lit_along() {
+            pairs.push([last.value_along() as u32, outside]);
+        }
     }
 
-    /// A diffuse side that looks out of the scene.
-    fn outermost<const SHARES: i64>(&self, value: usize, sums: &mut [Fixed], flow: &mut Flow) {
-        add::<SHARES>(&mut sums[value], &FROM_OUTSIDE);
-        add::<SHARES>(&mut flow.shot, &self.cycle.current[value]);
-        add::<SHARES>(&mut flow.left, &self.cycle.current[value]);
+    /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
+    /// from finding the pairs, so that the processor can wait for many texels at once.
+    fn transfer<const SHARES: i64>(&self, scratch: &mut Scratch) {
+        let Scratch { pairs, sums, flow, .. } = scratch;
+        for [near, far] in pairs.drain(..) {
+            let (near, far) = (near as usize, far as usize);
+            let (along, against) = (&self.cycle.current[near], &self.cycle.current[far]);
+            add::<SHARES>(&mut sums[far], along);
+            add::<SHARES>(&mut sums[near], against);
+            add::<SHARES>(&mut flow.shot, along);
+            add::<SHARES>(&mut flow.shot, against);
+        }
     }
 
     /// A line that meets mirrors as well.
@@ -294,9 +300,15 @@ impl Line<'_> {
             let fragments = scratch.layers.cell(cell.i, cell.j);
             let near = gap.checked_sub(1).map(|k| (k, fragments[k]));
             let far = (gap < count).then(|| (gap, fragments[gap]));
-            if let (Some((_, near)), Some((_, far))) = (near, far)
-                && !exchange::see_each_other(near, far)
-            {
+            let open = match (near, far) {
+                (Some((_, near)), Some((_, far))) => {
+                    is_lit(near, far) && exchange::see_each_other(near, far)
+                }
+                (Some((_, near)), None) => near.lit_along(),
+                (None, Some((_, far))) => far.lit_against(),
+                (None, None) => false,
+            };
+            if !open {
                 continue;
             }
             let along = self.sent::<SHARES>(cell, near, Sense::Along, scratch);
@@ -335,7 +347,7 @@ impl Line<'_> {
         scratch: &mut Scratch,
     ) {
         match receiver {
-            None => add::<SHARES>(&mut scratch.flow.left, line),
+            None => add::<SHARES>(&mut scratch.sums[self.cycle.outside() as usize], line),
             Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
                 add::<SHARES>(&mut scratch.sums[f.value(sense)], line);
             }
@@ -398,6 +410,11 @@ impl Line<'_> {
             }
         });
     }
+}
+
+/// Whether light can come into the space between two neighbours on a line.
+fn is_lit(near: Fragment, far: Fragment) -> bool {
+    near.lit_along() || far.lit_against()
 }
 
 /// Keeps what arrived at the mirrors of a cell for the tile's map.

@@ -6,25 +6,23 @@ use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::Path;
 
-/// Writes a file under a temporary name beside `path`, then renames it there. With `sync` the bytes
-/// and the rename have reached the disk when this returns.
+/// Writes a file under a temporary name beside `path`, then renames it there. The bytes and the rename
+/// have reached the disk when this returns.
 ///
 /// # Errors
 /// Of the system; `path` is then as it was.
-pub fn publish(path: &Path, bytes: &[u8], sync: bool) -> Result<(), FieldError> {
+pub fn publish(path: &Path, bytes: &[u8]) -> Result<(), FieldError> {
     let temporary = path.with_extension("tmp");
     let write = || {
         let mut file = File::create(&temporary)?;
         file.write_all(bytes)?;
-        if sync { file.sync_all() } else { Ok(()) }
+        file.sync_all()
     };
     write().map_err(FieldError::io("write", &temporary))?;
     fs::rename(&temporary, path).map_err(FieldError::io("publish", path))?;
-    if sync && let Some(folder) = path.parent() {
-        let sync = || File::open(folder)?.sync_all();
-        sync().map_err(FieldError::io("sync", folder))?;
-    }
-    Ok(())
+    let Some(folder) = path.parent() else { return Ok(()) };
+    let sync = || File::open(folder)?.sync_all();
+    sync().map_err(FieldError::io("sync", folder))
 }
 
 /// A whole file.

@@ -181,7 +181,7 @@ impl Field {
         if !begun {
             let id = ChunkId { kind: ChunkKind::Scene, cycle: 0, direction: NO_DIRECTION };
             let head = field.header_of(FileKind::Scene, place);
-            field.publish(names::SCENE.as_ref(), head, &[(id, Codec::Zstd, &scene_bytes)], true)?;
+            field.publish(names::SCENE, head, &[(id, Codec::Zstd, &scene_bytes)])?;
             field.commit()?;
         }
         Ok(field)
@@ -207,21 +207,30 @@ impl Field {
         Header { kind, generation, direction, ..self.header.clone() }
     }
 
-    fn publish(
+    fn encode(
         &self,
-        name: &Path,
+        path: &Path,
         header: Header,
         chunks: &[(ChunkId, Codec, &[u8])],
-        sync: bool,
-    ) -> Result<(), FieldError> {
-        let path = self.path.join(name);
+    ) -> Result<Vec<u8>, FieldError> {
         let bytes =
-            container::to_bytes(header, chunks).map_err(FieldError::io("compress", &path))?;
+            container::to_bytes(header, chunks).map_err(FieldError::io("compress", path))?;
         self.bytes_written.fetch_add(bytes.len() as u64, Ordering::Relaxed);
-        files::publish(&path, &bytes, sync)
+        Ok(bytes)
     }
 
-    /// Writes the tile file of a direction. The folder must exist, see [`Field::begin_folder`].
+    fn publish(
+        &self,
+        name: &str,
+        header: Header,
+        chunks: &[(ChunkId, Codec, &[u8])],
+    ) -> Result<(), FieldError> {
+        let path = self.path.join(name);
+        files::publish(&path, &self.encode(&path, header, chunks)?)
+    }
+
+    /// Writes the tile file of a direction into a folder that is not published yet; see
+    /// [`Field::begin_folder`].
     ///
     /// # Errors
     /// Of the system.
@@ -238,17 +247,37 @@ impl Field {
             })
             .collect();
         let header = self.header_of(FileKind::Tiles, (generation, direction));
-        let path = names::tiles(Path::new(""), folder, direction);
-        self.publish(&path, header, &chunks, false)
+        let path = names::tiles(&self.path, &names::unpublished(folder), direction);
+        let bytes = self.encode(&path, header, &chunks)?;
+        fs::write(&path, bytes).map_err(FieldError::io("write", &path))
     }
 
-    /// Makes a folder for tile files.
+    /// Makes a folder for tile files. What is written there is not part of the field before
+    /// [`Field::publish_folder`].
     ///
     /// # Errors
     /// Of the system.
     pub fn begin_folder(&self, folder: &str) -> Result<(), FieldError> {
-        let path = self.path.join(folder);
+        let (path, published) =
+            (self.path.join(names::unpublished(folder)), self.path.join(folder));
+        // A run that was killed between publishing and its commit: the commit does not know of it.
+        if published.is_dir() {
+            return fs::rename(&published, &path).map_err(FieldError::io("take back", &published));
+        }
         fs::create_dir_all(&path).map_err(FieldError::io("create", &path))
+    }
+
+    /// Gives a folder whose tile files are all written its name.
+    ///
+    /// # Errors
+    /// Of the system.
+    pub fn publish_folder(&self, folder: &str) -> Result<(), FieldError> {
+        let (from, to) = (self.path.join(names::unpublished(folder)), self.path.join(folder));
+        match fs::rename(&from, &to) {
+            // A run that was killed right after the renaming did not come to its commit.
+            Err(e) if e.kind() == io::ErrorKind::NotFound && to.is_dir() => Ok(()),
+            result => result.map_err(FieldError::io("publish", &from)),
+        }
     }
 
     /// Writes the texture maps of a generation.
@@ -264,7 +293,7 @@ impl Field {
             (id(ChunkKind::CurrentTexture), Codec::Zstd, current.as_slice()),
         ];
         let header = self.header_of(FileKind::Textures, (generation, NO_DIRECTION));
-        self.publish(names::textures(generation).as_ref(), header, &chunks, true)
+        self.publish(&names::textures(generation), header, &chunks)
     }
 
     /// Reads the texture maps of a generation.
@@ -291,7 +320,7 @@ impl Field {
         let id = ChunkId { kind: ChunkKind::Sums, cycle, direction: NO_DIRECTION };
         let header = self.header_of(FileKind::Sums, (cycle, NO_DIRECTION));
         let name = names::sums(self.manifest.sequence + 1);
-        self.publish(name.as_ref(), header, &[(id, Codec::Zstd, bytes)], true)?;
+        self.publish(&name, header, &[(id, Codec::Zstd, bytes)])?;
         self.manifest.has_sums = true;
         Ok(())
     }
@@ -317,7 +346,7 @@ impl Field {
         let bytes = next
             .to_file(self.header_of(FileKind::Manifest, (0, NO_DIRECTION)))
             .map_err(|f| f.in_file(path.display()))?;
-        files::publish(&path, &bytes, true)?;
+        files::publish(&path, &bytes)?;
         self.manifest = next;
         Ok(())
     }

@@ -26,6 +26,11 @@ pub fn generation(generation: u32) -> String {
     format!("unshot-{generation:04}")
 }
 
+/// Name of a folder while its tile files are being written.
+pub fn unpublished(folder: &str) -> String {
+    format!("{folder}.part")
+}
+
 /// Tile file of a direction in a folder of the field.
 pub fn tiles(field: &Path, folder: &str, direction: u32) -> PathBuf {
     field.join(folder).join(format!("{direction:06}.tiles"))
