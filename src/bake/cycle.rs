@@ -168,7 +168,7 @@ impl<'a> Bake<'a> {
         let textures = self.textures()?;
         let shot = textures.current.iter().map(|v| self.quantum.fixed(*v));
         let current: Vec<Fixed> = shot.chain([FROM_OUTSIDE]).collect();
-        let mut sums = vec![[0i64; 4]; current.len()];
+        let mut sums = vec![[0i64; 4]; 2 * self.texels.len()];
         let mut tally = Tally::default();
         if self.field.manifest().has_sums {
             (sums, tally) = self.read_sums()?;
@@ -315,7 +315,7 @@ impl<'a> Bake<'a> {
         let bytes = self.field.read_sums()?;
         let mut r = Reader::new(&bytes);
         let tally = Tally::read(&mut r)?;
-        let mut sums = vec![[0i64; 4]; 2 * self.texels.len() + 1];
+        let mut sums = vec![[0i64; 4]; 2 * self.texels.len()];
         for sum in sums.iter_mut().flatten() {
             *sum = r.i64()?;
         }
@@ -342,7 +342,7 @@ impl<'a> Bake<'a> {
         // A whole texel meets lines in proportion to its projected area: pi sr in all.
         let cell = f64::from(2.0 / self.parameters.resolution as f32).powi(2);
         let lines = std::f64::consts::PI / (units.share * cell) * f64::from(perturbations);
-        let what = (self.quantum, lines, self.parameters.one_sided);
+        let what = (self.quantum, lines, &self.parameters);
         let next = next_textures(self.scene, self.texels, sums, what);
         if let Some(at) = next.iter().position(|v| !v.is_physical()) {
             let surface = self.texels.surface_of[at / 2];

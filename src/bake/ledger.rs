@@ -20,6 +20,8 @@ pub struct Tally {
     pub shot_diffuse: i128,
     /// Left mirrors.
     pub shot_mirror: i128,
+    /// Left the scene.
+    pub left: i128,
     /// Arrived at mirrors.
     pub to_mirror: i128,
     /// Arrived at mirrors, times their reflectance.
@@ -37,12 +39,13 @@ pub struct Tally {
 }
 
 impl Tally {
-    const NUMBERS: usize = 9;
+    const NUMBERS: usize = 10;
 
     fn numbers(&self) -> [i128; Tally::NUMBERS] {
         [
             self.shot_diffuse,
             self.shot_mirror,
+            self.left,
             self.to_mirror,
             self.mirrored,
             self.mirrored_true,
@@ -54,18 +57,19 @@ impl Tally {
     }
 
     fn from_numbers(n: [i128; Tally::NUMBERS]) -> Tally {
-        let [shot_diffuse, shot_mirror, to_mirror, mirrored, mirrored_true, stored, ..] = n;
+        let [shot_diffuse, shot_mirror, left, to_mirror, mirrored, mirrored_true, stored, ..] = n;
         let count = |k: usize| n[k] as u64;
         Tally {
             shot_diffuse,
             shot_mirror,
+            left,
             to_mirror,
             mirrored,
             mirrored_true,
             stored,
-            fragments: count(6),
-            gathers: count(7),
-            holes: count(8),
+            fragments: count(7),
+            gathers: count(8),
+            holes: count(9),
         }
     }
 
@@ -147,7 +151,7 @@ pub fn open_areas(areas: &[f32], sums: &[Fixed], lines: f64) -> Vec<f64> {
         let struck = sum[3] as f64 / lines;
         if struck < NEARLY_ALL * area { struck } else { area }
     };
-    sums[..2 * areas.len()].iter().enumerate().map(open).collect()
+    sums.iter().enumerate().map(open).collect()
 }
 
 /// What a cycle's diffuse receivers took: the sums over lines, and the part that they reflect.
@@ -157,16 +161,11 @@ pub struct Received {
     pub arrived: i128,
     /// Arrived, times reflectance.
     pub reflected: f64,
-    /// Left the scene.
-    pub left: i128,
 }
 
-/// Adds up the sums of a cycle, of which the last is what left the scene; `factor` is the reflectance
-/// of a texture value.
+/// Adds up the sums of a cycle; `factor` is the reflectance of a texture value.
 pub fn received(sums: &[Fixed], factor: impl Fn(usize) -> Rgb) -> Received {
     let mut total = Received::default();
-    let Some((outside, sums)) = sums.split_last() else { return total };
-    total.left = i128::from(channels(outside));
     for (value, sum) in sums.iter().enumerate() {
         total.arrived += i128::from(channels(sum));
         let rho = factor(value).0;
@@ -199,7 +198,7 @@ pub fn account(
         emitted: if cycle == 0 { income } else { 0.0 },
         carried_in: if cycle == 0 { 0.0 } else { income },
         absorbed: p(received.arrived) - reflected + p(tally.to_mirror) - p(tally.mirrored),
-        left: p(received.left),
+        left: p(tally.left),
         unshot_diffuse: diffuse_out,
         unshot_mirror: stored,
         holes: mirror_in - p(tally.shot_mirror),

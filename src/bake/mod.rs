@@ -191,6 +191,9 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
     if p.perturbations.is_empty() || p.perturbations.iter().any(|n| *n == 0 || *n > 4096) {
         return bad("--perturb: 1 to 4096 for each cycle".to_owned());
     }
+    if p.filter > 64 {
+        return bad(format!("--filter {}: 0 to 64", p.filter));
+    }
     if p.cycles.is_some_and(|c| c == 0 || c > MOST_CYCLES) {
         return bad(format!("--cycles: 1 to {MOST_CYCLES}, or auto"));
     }

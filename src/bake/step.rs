@@ -61,7 +61,7 @@ pub struct Cycle<'a> {
 }
 
 impl Cycle<'_> {
-    /// The value that stands for the space outside the scene; its sum is what left.
+    /// The value that stands for the space outside the scene.
     fn outside(&self) -> u32 {
         self.current.len() as u32 - 1
     }
@@ -70,13 +70,15 @@ impl Cycle<'_> {
 /// A worker's own memory, reused from step to step.
 pub struct Scratch {
     layers: Layers,
-    /// Sums over lines, two a texel and one for the space outside.
+    /// Sums over lines, two a texel, and one for the space outside, which is taken into the tally tile
+    /// by tile.
     pub sums: Vec<Fixed>,
     /// Sums for the ledger.
     pub tally: Tally,
     senders: Vec<Option<MirrorSender>>,
     used_senders: Vec<usize>,
     pairs: Vec<[u32; 2]>,
+    line: Vec<Fragment>,
     arrived: Vec<[Rgb; 2]>,
     tile: Vec<CoveredCell>,
     flow: Flow,
@@ -115,6 +117,7 @@ impl Scratch {
             layers: Layers::default(),
             sums: vec![[0; 4]; 2 * texels.len() + 1],
             pairs: Vec::new(),
+            line: Vec::new(),
             tally: Tally::default(),
             senders: (0..2 * mirrors).map(|_| None).collect(),
             used_senders: Vec::new(),
@@ -245,42 +248,45 @@ impl Line<'_> {
         Ok(made)
     }
 
-    /// Exchanges light along the line of one cell. Pairs of diffuse surfaces are put down and wait for
+    /// Exchanges light along the line of one cell. Pairs without a mirror are put down and wait for
     /// [`Line::transfer`].
     fn cell<const SHARES: i64>(&mut self, cell: Cell, scratch: &mut Scratch) {
         let diffuse = self.shared.texels.diffuse;
         let fragments = scratch.layers.cell(cell.i, cell.j);
         exchange::order_contacts(fragments);
-        if !fragments.iter().all(|f| f.texel() < diffuse) {
-            return self.mixed_cell::<SHARES>(cell, scratch);
-        }
         let outside = self.cycle.outside();
+        let is_diffuse = |f: &Fragment| f.texel() < diffuse;
+        let has_mirrors = !fragments.iter().all(is_diffuse);
+        if has_mirrors {
+            scratch.arrived.clear();
+            scratch.arrived.resize(fragments.len(), [Rgb::BLACK; 2]);
+            scratch.line.clear();
+            scratch.line.extend_from_slice(fragments);
+        }
+        let (Some(first), Some(last)) = (fragments.first(), fragments.last()) else { return };
         let pairs = &mut scratch.pairs;
-        let [first, .., last] = &*fragments else {
-            for only in fragments {
-                pairs.push([outside, only.value_against() as u32]);
-                pairs.push([only.value_along() as u32, outside]);
-            }
-            return;
-        };
-        if first.lit_against() {
+        if first.lit_against() && is_diffuse(first) {
             pairs.push([outside, first.value_against() as u32]);
         }
         for pair in fragments.windows(2) {
             let (near, far) = (pair[0], pair[1]);
-            if is_lit(near, far) && exchange::see_each_other(near, far) {
+            let diffuse = !has_mirrors || (is_diffuse(&near) && is_diffuse(&far));
+            if diffuse && is_open(near, far) {
                 pairs.push([near.value_along() as u32, far.value_against() as u32]);
             }
         }
-        if last.lit_along() {
+        if last.lit_along() && is_diffuse(last) {
             pairs.push([last.value_along() as u32, outside]);
+        }
+        if has_mirrors {
+            self.exchange_with_mirrors::<SHARES>(cell, scratch);
         }
     }
 
     /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
     /// from finding the pairs, so that the processor can wait for many texels at once.
     fn transfer<const SHARES: i64>(&self, scratch: &mut Scratch) {
-        let Scratch { pairs, sums, flow, .. } = scratch;
+        let Scratch { pairs, sums, flow, tally, .. } = scratch;
         for [near, far] in pairs.drain(..) {
             let (near, far) = (near as usize, far as usize);
             let (along, against) = (&self.cycle.current[near], &self.cycle.current[far]);
@@ -289,23 +295,24 @@ impl Line<'_> {
             add::<SHARES>(&mut flow.shot, along);
             add::<SHARES>(&mut flow.shot, against);
         }
+        // More leaves the scene over a cycle than one fixed number holds.
+        let left = std::mem::take(&mut sums[self.cycle.outside() as usize]);
+        tally.left += i128::from(channels(&left));
     }
 
-    /// A line that meets mirrors as well.
-    fn mixed_cell<const SHARES: i64>(&mut self, cell: Cell, scratch: &mut Scratch) {
-        let count = scratch.layers.cell(cell.i, cell.j).len();
-        scratch.arrived.clear();
-        scratch.arrived.resize(count, [Rgb::BLACK; 2]);
+    /// The pairs of a line of which at least one is a mirror.
+    fn exchange_with_mirrors<const SHARES: i64>(&mut self, cell: Cell, scratch: &mut Scratch) {
+        let count = scratch.line.len();
+        let is_mirror = |f: Fragment| f.texel() >= self.shared.texels.diffuse;
         for gap in 0..=count {
-            let fragments = scratch.layers.cell(cell.i, cell.j);
-            let near = gap.checked_sub(1).map(|k| (k, fragments[k]));
-            let far = (gap < count).then(|| (gap, fragments[gap]));
+            let near = gap.checked_sub(1).map(|k| (k, scratch.line[k]));
+            let far = (gap < count).then(|| (gap, scratch.line[gap]));
             let open = match (near, far) {
                 (Some((_, near)), Some((_, far))) => {
-                    is_lit(near, far) && exchange::see_each_other(near, far)
+                    (is_mirror(near) || is_mirror(far)) && is_open(near, far)
                 }
-                (Some((_, near)), None) => near.lit_along(),
-                (None, Some((_, far))) => far.lit_against(),
+                (Some((_, near)), None) => is_mirror(near) && near.lit_along(),
+                (None, Some((_, far))) => is_mirror(far) && far.lit_against(),
                 (None, None) => false,
             };
             if !open {
@@ -412,9 +419,9 @@ impl Line<'_> {
     }
 }
 
-/// Whether light can come into the space between two neighbours on a line.
-fn is_lit(near: Fragment, far: Fragment) -> bool {
-    near.lit_along() || far.lit_against()
+/// Whether light can pass between two neighbours on a line.
+fn is_open(near: Fragment, far: Fragment) -> bool {
+    (near.lit_along() || far.lit_against()) && exchange::see_each_other(near, far)
 }
 
 /// Keeps what arrived at the mirrors of a cell for the tile's map.

@@ -98,6 +98,9 @@ pub struct Bake {
     /// Edge of a texel of the diffuse texture maps, in cells
     #[arg(long, default_value_t = 1.0)]
     pub texel: f64,
+    /// Passes of a 3 x 3 texel filter over each cycle's texture maps; 0 for none
+    #[arg(long, default_value_t = super::bake::FILTER)]
+    pub filter: u32,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,

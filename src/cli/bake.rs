@@ -15,6 +15,9 @@ use vlf::{Scene, bake::quality::Quality};
 /// Seconds between commits: what a kill can cost.
 const COMMIT_EVERY: f64 = 5.0;
 
+/// Passes of the filter over the Next Texture Maps unless said otherwise.
+pub const FILTER: u32 = 0;
+
 /// With `--cycles auto`: the fraction of the emitted light that may be left unshot.
 const UNSHOT_FRACTION: f64 = 1e-3;
 
@@ -29,6 +32,7 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
         unshot_fraction: UNSHOT_FRACTION,
         perturbations: a.perturb.clone().unwrap_or_else(|| quality.perturbations()),
         texel_cells: a.texel,
+        filter: a.filter,
         one_sided: a.one_sided,
     };
     tell_report(&report);
@@ -70,6 +74,7 @@ pub fn defaults(quality: Quality) -> Parameters {
         unshot_fraction: UNSHOT_FRACTION,
         perturbations: quality.perturbations(),
         texel_cells: 1.0,
+        filter: FILTER,
         one_sided: false,
     }
 }

@@ -25,6 +25,8 @@ pub struct Parameters {
     pub perturbations: Vec<u32>,
     /// Edge of a texel in cells.
     pub texel_cells: f64,
+    /// Passes of the binomial filter over each cycle's Next Texture Maps.
+    pub filter: u32,
     /// Whether surfaces have a front only.
     pub one_sided: bool,
 }
@@ -197,7 +199,10 @@ impl Manifest {
         if !same || self.done.len() != (p.directions as usize).div_ceil(8) {
             return Err(Fault::invalid("its parameters are not those of its first block"));
         }
-        if !(p.texel_cells.is_finite() && p.texel_cells > 0.0) || p.perturbations.is_empty() {
+        if !(p.texel_cells.is_finite() && p.texel_cells > 0.0)
+            || p.perturbations.is_empty()
+            || p.filter > 64
+        {
             return Err(Fault::invalid("its parameters are out of range"));
         }
         Ok(())

@@ -6,6 +6,7 @@
 //! exact (a furnace stays a furnace), however few they are.
 
 use super::{Fixed, Quantum};
+use crate::format::manifest::Parameters;
 use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -21,17 +22,18 @@ pub fn next_textures(
     scene: &Scene,
     texels: &Texels,
     sums: &[Fixed],
-    (quantum, lines, one_sided): (Quantum, f64, bool),
+    (quantum, lines, parameters): (Quantum, f64, &Parameters),
 ) -> Vec<Rgb> {
     let mut next = vec![Rgb::BLACK; 2 * texels.len()];
     for id in scene.surface_ids() {
         let lattice = &texels.lattices[id.index()];
-        let sides = if one_sided { 1 } else { 2 };
+        let sides = if parameters.one_sided { 1 } else { 2 };
         for side in 0..sides {
             let rho = diffuse_factor(scene, id);
             let per_texel = 1.0 / f64::from(lattice.density.x * lattice.density.y);
             let expected = (lines * per_texel) as f32;
-            if rho.is_black() || !one_side(lattice, side, sums, quantum, expected, &mut next) {
+            let filtered = Filtered::new(lattice, side, sums, quantum, parameters.filter);
+            if rho.is_black() || !one_side(lattice, side, &filtered, expected, &mut next) {
                 continue;
             }
             for texel in texel_range(lattice) {
@@ -56,22 +58,77 @@ fn texel_range(lattice: &Lattice) -> std::ops::Range<usize> {
     first..first + lattice.width as usize * lattice.height as usize
 }
 
+/// Sums of one side of a lattice, after the filter of section 5: radiance times lines, and lines.
+///
+/// Lines sample texels unevenly, and small bright emitters make much of it. The filter is the binomial
+/// one (1 2 1) along rows and columns, a Gaussian of variance 1/2 texel a pass. Radiance and lines are
+/// filtered alike and then divided, so that borders neither darken nor lose what is even.
+struct Filtered {
+    radiance: Vec<[f64; 3]>,
+    lines: Vec<f64>,
+}
+
+impl Filtered {
+    fn new(
+        lattice: &Lattice,
+        side: usize,
+        sums: &[Fixed],
+        quantum: Quantum,
+        passes: u32,
+    ) -> Filtered {
+        let sum = |texel: usize| sums[2 * texel + side];
+        let unit = quantum.unit();
+        let channel = |texel, c: usize| sum(texel)[c] as f64 * unit;
+        let radiance = |t| [channel(t, 0), channel(t, 1), channel(t, 2)];
+        let mut filtered = Filtered {
+            radiance: texel_range(lattice).map(radiance).collect(),
+            lines: texel_range(lattice).map(|t| sum(t)[3] as f64).collect(),
+        };
+        let (width, height) = (lattice.width as usize, lattice.height as usize);
+        for _ in 0..passes {
+            for row in 0..height {
+                filtered.pass(row * width, 1, width);
+            }
+            for column in 0..width {
+                filtered.pass(column, width, height);
+            }
+        }
+        filtered
+    }
+
+    /// Filters `count` texels from `first` on, `step` apart. What would fall over the ends stays there.
+    fn pass(&mut self, first: usize, step: usize, count: usize) {
+        let at = |k: usize| first + k * step;
+        let (mut before, mut before_lines) = (self.radiance[first], self.lines[first]);
+        for k in 0..count {
+            let next = at((k + 1).min(count - 1));
+            let (own, own_lines) = (self.radiance[at(k)], self.lines[at(k)]);
+            let blend = |c: usize| 0.25 * (before[c] + self.radiance[next][c]) + 0.5 * own[c];
+            self.radiance[at(k)] = [blend(0), blend(1), blend(2)];
+            self.lines[at(k)] = 0.25 * (before_lines + self.lines[next]) + 0.5 * own_lines;
+            (before, before_lines) = (own, own_lines);
+        }
+    }
+}
+
 /// Mean incident radiance of each texel of one side into `out`. False when no line struck it.
 fn one_side(
     lattice: &Lattice,
     side: usize,
-    sums: &[Fixed],
-    quantum: Quantum,
+    sums: &Filtered,
     expected: f32,
     out: &mut [Rgb],
 ) -> bool {
     let range = texel_range(lattice);
-    let lines = |texel: usize| sums[2 * texel + side][3];
+    let lines = |texel: usize| sums.lines[texel - range.start];
     let mut missing = Vec::new();
     for texel in range.clone() {
-        match lines(texel) {
-            0 => missing.push(texel),
-            n => out[2 * texel + side] = quantum.radiance(sums[2 * texel + side]) / n as f32,
+        let n = lines(texel);
+        if n > 0.0 {
+            let mean = sums.radiance[texel - range.start].map(|c| (c / n) as f32);
+            out[2 * texel + side] = Rgb(mean);
+        } else {
+            missing.push(texel);
         }
     }
     if missing.len() == range.len() {
@@ -86,7 +143,7 @@ fn one_side(
 fn lean_on_neighbours(
     lattice: &Lattice,
     side: usize,
-    lines: &dyn Fn(usize) -> i64,
+    lines: &dyn Fn(usize) -> f64,
     expected: f32,
     out: &mut [Rgb],
 ) {
