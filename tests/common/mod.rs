@@ -1,0 +1,180 @@
+//! What the journeys share: scenes, small bakes in temporary folders, pictures of them.
+
+#![allow(dead_code, reason = "each journey takes its own part")]
+
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tempfile::TempDir;
+use vlf::bake::{Options, Outcome, bake};
+use vlf::field::read_manifest;
+use vlf::format::manifest::Manifest;
+use vlf::look::image::Picture;
+use vlf::look::render::method::{Method, take};
+use vlf::look::visible::Visible;
+use vlf::{Camera, LightField, Parameters, Scene};
+
+/// The folders under `scenes/`.
+pub const SCENES: [&str; 9] = [
+    "cornell",
+    "cornell_mirror",
+    "furnace",
+    "furnace_mirror",
+    "metal_sphere",
+    "mirror_corridor",
+    "office",
+    "parallel_squares",
+    "ring_caustic",
+];
+
+/// The OBJ of a bundled scene.
+pub fn obj(name: &str) -> PathBuf {
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    scenes.join(name).join(name).with_extension("obj")
+}
+
+/// A bundled scene.
+pub fn scene(name: &str) -> Scene {
+    Scene::open(&obj(name)).unwrap().0
+}
+
+/// A scene from the text of its OBJ and of its MTL, called `test.mtl`.
+pub fn scene_of(obj: &str, mtl: &str) -> Scene {
+    let obj = format!("mtllib test.mtl\n{obj}");
+    Scene::from_text(Path::new("test.obj"), &obj, &mut |_| Ok(mtl.to_owned())).unwrap().0
+}
+
+/// The first camera of a bundled scene, with a picture of another size.
+pub fn camera(name: &str, width: u32, height: u32) -> Camera {
+    let camera = Camera::open(&obj(name).with_file_name("camera_a.json")).unwrap();
+    Camera { width, height, ..camera }
+}
+
+/// The bare lattice of `directions` lines, `cycles` times.
+pub fn parameters(directions: u32, resolution: u32, cycles: u32) -> Parameters {
+    Parameters {
+        directions,
+        resolution,
+        tile: 16,
+        cycles: Some(cycles),
+        unshot_fraction: 1e-3,
+        perturbations: vec![1],
+        texel_cells: 1.0,
+        one_sided: false,
+    }
+}
+
+/// How a bake is run. None of it may change a bit of the field.
+#[derive(Clone)]
+pub struct How {
+    pub memory: u64,
+    pub threads: usize,
+    pub order: Option<Vec<u32>>,
+    pub commit_every: f64,
+    /// Stops after this many reports of progress.
+    pub stop_after: Option<u32>,
+}
+
+impl Default for How {
+    fn default() -> How {
+        How { memory: 1 << 30, threads: 2, order: None, commit_every: 1e9, stop_after: None }
+    }
+}
+
+/// Bakes, or goes on baking, at `path`.
+pub fn bake_to(path: &Path, scene: &Scene, parameters: &Parameters, how: &How) -> Outcome {
+    let stop = AtomicBool::new(false);
+    let reports = Mutex::new(Cell::new(0));
+    let options = Options {
+        memory: how.memory,
+        threads: how.threads,
+        stop: &stop,
+        progress: &|_| {
+            let reports = reports.lock().unwrap();
+            reports.set(reports.get() + 1);
+            if how.stop_after == Some(reports.get()) {
+                stop.store(true, Ordering::Relaxed);
+            }
+        },
+        order: how.order.clone(),
+        commit_every: how.commit_every,
+    };
+    bake(scene, parameters, path, &options).unwrap()
+}
+
+/// A finished field in a folder of its own, which goes with it.
+pub struct Baked {
+    pub folder: TempDir,
+    pub path: PathBuf,
+}
+
+impl Baked {
+    /// Bakes a scene with the usual options.
+    pub fn new(scene: &Scene, parameters: &Parameters) -> Baked {
+        Baked::with(scene, parameters, &How::default())
+    }
+
+    pub fn with(scene: &Scene, parameters: &Parameters, how: &How) -> Baked {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("test.field");
+        assert_eq!(bake_to(&path, scene, parameters, how), Outcome::Finished);
+        Baked { folder, path }
+    }
+
+    pub fn open(&self) -> LightField {
+        LightField::open(&self.path).unwrap()
+    }
+
+    pub fn manifest(&self) -> Manifest {
+        read_manifest(&self.path).unwrap().1
+    }
+}
+
+/// A picture of a field.
+pub fn picture(field: &LightField, camera: &Camera, method: Method, samples: u32) -> Picture {
+    let visible = Visible::new(&field.scene);
+    let options = vlf::look::render::Options { samples };
+    take(field, &visible, camera, (method, options), &|_| {}).unwrap()
+}
+
+/// Mean radiance of the front of all surfaces of a material, weighted by area; mean of the channels.
+pub fn mean_radiance(field: &LightField, material: &str) -> f64 {
+    let areas = vlf::scene::areas::areas(&field.scene, &field.texels);
+    let (mut sum, mut area) = (0.0, 0.0);
+    for (texel, surface) in field.texels.surface_of.iter().enumerate() {
+        if field.scene.material_of(vlf::SurfaceId(*surface)).name == material {
+            sum += f64::from(field.total[2 * texel].mean()) * f64::from(areas[texel]);
+            area += f64::from(areas[texel]);
+        }
+    }
+    assert!(area > 0.0, "no surface of `{material}`");
+    sum / area
+}
+
+/// A small generator of numbers (SplitMix64): the same in every run.
+pub struct Dice(pub u64);
+
+impl Dice {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// In [0, 1).
+    pub fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// `0..count` in an order of its own.
+    pub fn shuffled(&mut self, count: u32) -> Vec<u32> {
+        let mut all: Vec<u32> = (0..count).collect();
+        for k in (1..all.len()).rev() {
+            all.swap(k, (self.next() % (k as u64 + 1)) as usize);
+        }
+        all
+    }
+}
