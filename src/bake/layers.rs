@@ -37,9 +37,9 @@ pub const MOST_TEXELS: usize = 1 << (32 - TEXEL_SHIFT);
 
 impl Facing {
     fn bits(self) -> u64 {
-        u64::from(self.along) * FACES_ALONG
-            | u64::from(self.lit[0]) * LIT_ALONG
-            | u64::from(self.lit[1]) * LIT_AGAINST
+        (u64::from(self.along) * FACES_ALONG)
+            | (u64::from(self.lit[0]) * LIT_ALONG)
+            | (u64::from(self.lit[1]) * LIT_AGAINST)
     }
 }
 

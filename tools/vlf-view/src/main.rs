@@ -27,8 +27,12 @@ struct Args {
     /// Exposure in stops: radiance times 2^EV [default: from the first frame]
     #[arg(long, value_name = "EV", allow_negative_numbers = true, value_parser = stops)]
     exposure: Option<f32>,
-    /// Where to start: a JSON file {"eye":[x,y,z],"target":[x,y,z],"up":[x,y,z],"vfov_deg":d,"width":w,"height":h}
-    #[arg(long, value_name = "CAM.json")]
+    // Not a comment for the documentation, which would take [x,y,z] for a link.
+    #[arg(
+        long,
+        value_name = "CAM.json",
+        help = r#"Where to start: a JSON file {"eye":[x,y,z],"target":[x,y,z],"up":[x,y,z],"vfov_deg":d,"width":w,"height":h}"#
+    )]
     camera: Option<PathBuf>,
 }
 

@@ -1,0 +1,210 @@
+//! Times the stages that a bake and a look spend their time in, on the bundled office; see the README
+//! beside this file.
+
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use glam::Vec3;
+use std::sync::LazyLock;
+use std::sync::atomic::AtomicBool;
+use vlf::bake::layers::{Layers, Outlines};
+use vlf::bake::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
+use vlf::bake::transfer::{Fixed, Quantum};
+use vlf::bake::{Options, emission, texels, totals};
+use vlf::format::tiles::{Layout, exponent_for};
+use vlf::scene::texels::Texels;
+use vlf::{
+    Camera, Codec, DirectionId, Directions, LightField, Parameters, Psf, Scene, SurfaceId, Visible,
+    bundled,
+};
+
+fn main() {
+    divan::main();
+}
+
+/// What a bake of the office holds.
+struct Office {
+    scene: Scene,
+    parameters: Parameters,
+    texels: Texels,
+    outlines: Outlines,
+    directions: Directions,
+    quantum: Quantum,
+    exponent: i32,
+}
+
+fn parameters(directions: u32, resolution: u32) -> Parameters {
+    Parameters {
+        directions,
+        resolution,
+        tile: 16,
+        cycles: Some(2),
+        unshot_fraction: 1e-3,
+        perturbations: vec![1],
+        texel_cells: 1.0,
+        one_sided: false,
+    }
+}
+
+static OFFICE: LazyLock<Office> = LazyLock::new(|| {
+    let (scene, _) = Scene::bundled("office").expect("it is bundled");
+    let parameters = parameters(2049, 128);
+    let texels = texels(&scene, &parameters);
+    let outlines = Outlines::new(&scene, &texels);
+    let most = scene.materials.iter().map(|m| m.emitted.max()).fold(0.0, f32::max);
+    let (quantum, exponent) = (Quantum::new(most), exponent_for(most));
+    let directions = Directions::new(5);
+    Office { scene, parameters, texels, outlines, directions, quantum, exponent }
+});
+
+impl Office {
+    fn shared(&self) -> Shared<'_> {
+        Shared {
+            scene: &self.scene,
+            texels: &self.texels,
+            outlines: &self.outlines,
+            directions: &self.directions,
+            parameters: &self.parameters,
+            quantum: self.quantum,
+            exponent: self.exponent,
+        }
+    }
+
+    fn psf(&self) -> Psf {
+        Psf::new(self.directions.vector(LINE), self.parameters.resolution)
+    }
+}
+
+/// A line that is parallel to nothing in the office.
+const LINE: DirectionId = DirectionId(700);
+
+/// A small field of the office, baked and packed when first asked for.
+static FIELD: LazyLock<LightField> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (field, pack) = (folder.path().join("office.field"), folder.path().join("office.vlf"));
+    let options = Options {
+        memory: 1 << 30,
+        threads: 2,
+        stop: &AtomicBool::new(false),
+        progress: &|_| (),
+        order: None,
+        commit_every: 1e9,
+    };
+    vlf::bake(&OFFICE.scene, &parameters(129, 64), &field, &options).expect("it bakes");
+    vlf::pack(&field, &pack, Codec::Raw, &|_| ()).expect("it packs");
+    LightField::open(&pack).expect("it opens")
+});
+
+/// A small generator of numbers in [-1, 1) (SplitMix64).
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+    }
+}
+
+/// Origin and direction of the rays through the middles of a small picture's pixels.
+fn primary_rays() -> Vec<(Vec3, Vec3)> {
+    let camera: Camera = bundled::cameras("office").expect("it has cameras").remove(0);
+    let camera = Camera { width: 128, height: 96, ..camera };
+    let view = camera.view(&OFFICE.scene.fit);
+    let pixels = (0..96).flat_map(|y| (0..128).map(move |x| (x, y)));
+    pixels.map(|(x, y)| view.ray(f64::from(x) + 0.5, f64::from(y) + 0.5)).collect()
+}
+
+/// The layers of one subfield: every surface on every ray.
+#[divan::bench]
+fn rasterise(bencher: Bencher) {
+    let psf = OFFICE.psf();
+    let mut layers = Layers::default();
+    layers.rasterise(&OFFICE.outlines, &psf);
+    let fragments = layers.len();
+    bencher
+        .counter(ItemsCount::new(fragments))
+        .bench_local(|| layers.rasterise(black_box(&OFFICE.outlines), black_box(&psf)));
+}
+
+/// A whole step of the first cycle: layers, exchange, transfer, and the maps of what arrived at mirrors.
+#[divan::bench]
+fn shoot_one_direction(bencher: Bencher) {
+    let shared = OFFICE.shared();
+    let shot = emission(&OFFICE.scene, &OFFICE.texels);
+    let fixed = shot.iter().map(|v| OFFICE.quantum.fixed(*v));
+    let current: Vec<Fixed> = fixed.chain([FROM_OUTSIDE]).collect();
+    let cycle = Cycle { number: 0, current: &current, pages: None, perturbations: 1 };
+    let mut scratch = Scratch::new(&OFFICE.texels);
+    bencher.bench_local(|| shoot(&shared, &cycle, black_box(LINE), &mut scratch));
+}
+
+/// The total map of a direction.
+#[divan::bench]
+fn total_map(bencher: Bencher) {
+    let shared = OFFICE.shared();
+    let total = emission(&OFFICE.scene, &OFFICE.texels);
+    let lit = totals::lit_sides(&OFFICE.texels, &total);
+    let mut scratch = totals::Scratch::default();
+    bencher.bench_local(|| {
+        totals::total_map(&shared, black_box(LINE), (&total, &lit), None, &mut scratch)
+    });
+}
+
+/// The three directions around a vector.
+#[divan::bench]
+fn nearest_three(bencher: Bencher) {
+    let mut dice = Dice(1);
+    let vectors: Vec<Vec3> = (0..4096)
+        .map(|_| Vec3::new(dice.roll(), dice.roll(), dice.roll()).normalize_or(Vec3::Z))
+        .collect();
+    bencher.counter(ItemsCount::new(vectors.len())).bench_local(|| {
+        vectors.iter().map(|v| OFFICE.directions.nearest_three(*v)[0].weight).sum::<f32>()
+    });
+}
+
+/// What a map costs when it is first touched, but for its hash.
+#[divan::bench]
+fn check_a_tile_map(bencher: Bencher) {
+    let shared = OFFICE.shared();
+    let total = emission(&OFFICE.scene, &OFFICE.texels);
+    let lit = totals::lit_sides(&OFFICE.texels, &total);
+    let mut scratch = totals::Scratch::default();
+    let map = totals::total_map(&shared, LINE, (&total, &lit), None, &mut scratch)
+        .expect("no page is read");
+    let surfaces = OFFICE.scene.surfaces.len() as u32;
+    bencher
+        .counter(divan::counter::BytesCount::new(map.len()))
+        .bench_local(|| Layout::check(black_box(&map), 128, 16, surfaces, OFFICE.exponent));
+}
+
+/// Radiance of what neighbouring pixels see: the maps are in memory and checked.
+#[divan::bench]
+fn look_up_radiance(bencher: Bencher) {
+    let visible = Visible::new(&OFFICE.scene);
+    let hits: Vec<(SurfaceId, Vec3, Vec3)> = primary_rays()
+        .into_iter()
+        .filter_map(|(origin, dir)| {
+            let hit = visible.nearest(origin, dir, 0.0)?;
+            Some((hit.surface, hit.point, -dir))
+        })
+        .collect();
+    let field = &*FIELD;
+    let all = || {
+        let radiance = |(s, p, away): &(SurfaceId, Vec3, Vec3)| field.radiance(*s, *p, *away);
+        hits.iter().filter_map(|hit| radiance(hit).ok()).map(|r| r.mean()).sum::<f32>()
+    };
+    black_box(all());
+    bencher.counter(ItemsCount::new(hits.len())).bench_local(all);
+}
+
+/// The nearest surface of neighbouring pixels.
+#[divan::bench]
+fn primary_visibility(bencher: Bencher) {
+    let visible = Visible::new(&OFFICE.scene);
+    let rays = primary_rays();
+    bencher.counter(ItemsCount::new(rays.len())).bench_local(|| {
+        rays.iter().filter(|(origin, dir)| visible.nearest(*origin, *dir, 0.0).is_some()).count()
+    });
+}
