@@ -27,6 +27,7 @@
 //!     unshot_fraction: 1e-3,
 //!     perturbations: vec![1],
 //!     texel_cells: 1.0,
+//!     filter: 0,
 //!     one_sided: false,
 //! };
 //! let options = vlf::bake::Options {

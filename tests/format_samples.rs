@@ -232,6 +232,7 @@ fn parameters() -> Parameters {
         unshot_fraction: 1e-3,
         perturbations: vec![1],
         texel_cells: 1.0,
+        filter: 0,
         one_sided: false,
     }
 }

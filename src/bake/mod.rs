@@ -143,6 +143,13 @@ pub fn bake(
     check(parameters)?;
     let directions = Directions::with_lines(parameters.directions)
         .ok_or_else(|| BakeError::Parameter(no_lattice(parameters.directions)))?;
+    let count = Texels::count(scene, texel_edge(parameters));
+    if count > layers::MOST_TEXELS as u64 {
+        let most = layers::MOST_TEXELS;
+        return Err(BakeError::Parameter(format!(
+            "the scene would have {count} texels and may have {most}: lower --resolution or raise --texel"
+        )));
+    }
     let texels = texels(scene, parameters);
     let budget = cache_budget(&texels, parameters, options)?;
     let most = scene.materials.iter().map(|m| m.emitted.max()).fold(0.0, f32::max);
@@ -155,8 +162,11 @@ pub fn bake(
 
 /// The texels of a scene at a bake's resolution.
 pub fn texels(scene: &Scene, parameters: &Parameters) -> Texels {
-    let cell = 2.0 / parameters.resolution as f32;
-    Texels::new(scene, cell * parameters.texel_cells as f32)
+    Texels::new(scene, texel_edge(parameters))
+}
+
+fn texel_edge(parameters: &Parameters) -> f32 {
+    2.0 / parameters.resolution as f32 * parameters.texel_cells as f32
 }
 
 /// Texture maps before the first cycle: what the surfaces emit, two values a texel.

@@ -8,7 +8,7 @@ use crate::look::image::{Bitmap, Picture};
 use crate::radiance::Rgb;
 
 /// Exposed luminance that the darker surfaces of a picture should have on the average.
-const MIDDLE: f64 = 0.18;
+const MIDDLE: f64 = 0.26;
 
 /// Where the curve leaves the straight line, in exposed radiance; 1 is white.
 const KNEE: f32 = 0.6;
@@ -23,8 +23,8 @@ pub fn develop(picture: &Picture, ev: f32) -> Bitmap {
     Bitmap { width: picture.width, height: picture.height, pixels }
 }
 
-/// The exposure, in stops, that brings the logarithmic mean of a picture's luminance to the middle
-/// grey of 18 %. A lamp in the view hardly moves it; black pixels, where nothing is seen, are left
+/// The exposure, in stops, that brings the logarithmic mean of a picture's luminance to
+/// [`MIDDLE`]: somewhat above middle grey, since rooms are painted light. A lamp in the view hardly moves it; black pixels, where nothing is seen, are left
 /// out, and 0 is the answer where there is no light at all.
 pub fn auto_exposure(picture: &Picture) -> f32 {
     let lit = |p: &&Rgb| p.is_physical() && p.luminance() > 0.0;
