@@ -197,7 +197,7 @@ impl Manifest {
         if !same || self.done.len() != (p.directions as usize).div_ceil(8) {
             return Err(Fault::invalid("its parameters are not those of its first block"));
         }
-        if !(p.texel_cells.is_finite() && p.texel_cells > 0.0) || p.perturbations.is_empty() {
+        if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() {
             return Err(Fault::invalid("its parameters are out of range"));
         }
         Ok(())

@@ -8,7 +8,7 @@ use crate::directions::Directions;
 use crate::format::container::{self, ChunkKind, Directory, FileKind, NO_DIRECTION, decode};
 use crate::format::manifest::{Manifest, Phase, record_from_bytes};
 use crate::format::tiles::{Layout, TileMap};
-use crate::format::{Fault, FormatError, names};
+use crate::format::{Fault, FormatError, limits, names};
 use crate::gather::{Around, mirrored};
 use crate::ids::{Side, SurfaceId};
 use crate::look::mapping::Mapping;
@@ -136,8 +136,9 @@ impl LightField {
             let manifest: Manifest = record_from_bytes(&chunk(ChunkKind::Record)?)?;
             manifest.check(&directory.header)?;
             let scene = stored::from_bytes(&chunk(ChunkKind::Scene)?)?;
-            let texels = texels_of(&scene, &manifest)?;
-            let total = texels::from_bytes(&chunk(ChunkKind::TotalTexture)?, 2 * texels.len())?;
+            let bytes = chunk(ChunkKind::TotalTexture)?;
+            let texels = texels_of(&scene, &manifest, bytes.len())?;
+            let total = texels::from_bytes(&bytes, 2 * texels.len())?;
             check_scene(&scene, directory.header.surfaces)?;
             Ok((manifest, scene, texels, total))
         };
@@ -167,12 +168,12 @@ impl LightField {
         let in_scene = |f: Fault| f.in_file(scene_path.display());
         let scene = stored::from_bytes(&bytes).map_err(in_scene)?;
         check_scene(&scene, header.surfaces).map_err(in_scene)?;
-        let texels = texels_of(&scene, &manifest).map_err(in_scene)?;
         let texture_path = path.join(names::textures(manifest.cycle));
         let kind = ChunkKind::TotalTexture;
         let bytes = chunk_of(&texture_path, FileKind::Textures, kind, NO_DIRECTION)?;
-        let total = texels::from_bytes(&bytes, 2 * texels.len())
-            .map_err(|f| f.in_file(texture_path.display()))?;
+        let in_textures = |f: Fault| f.in_file(texture_path.display());
+        let texels = texels_of(&scene, &manifest, bytes.len()).map_err(in_textures)?;
+        let total = texels::from_bytes(&bytes, 2 * texels.len()).map_err(in_textures)?;
         let source = Source::Field(path.to_owned());
         let parts = (scene, texels, total);
         Self::assemble(&path.display().to_string(), parts, manifest, header.exponent, source)
@@ -300,15 +301,19 @@ fn find_map(directory: &Directory, direction: u32) -> Result<&container::ChunkEn
         .ok_or_else(|| Fault::Missing(format!("the map of direction {direction}")))
 }
 
-fn texels_of(scene: &Scene, manifest: &Manifest) -> Result<Texels, Fault> {
+/// The texels of a scene, if their values take `bytes` bytes. Counted before they are laid: a file may
+/// ask for any number.
+fn texels_of(scene: &Scene, manifest: &Manifest, bytes: usize) -> Result<Texels, Fault> {
     let p = &manifest.parameters;
-    let cell = 2.0 / p.resolution as f32;
-    let texels = Texels::new(scene, cell * p.texel_cells as f32);
-    if texels.len() as u64 > 1 << 30 {
-        let value = texels.len() as u64;
-        return Err(Fault::Limit { what: "texel count", value, limit: 1 << 30 });
+    let edge = 2.0 / p.resolution as f32 * p.texel_cells as f32;
+    let count = Texels::count(scene, edge);
+    if count > limits::TEXELS {
+        return Err(Fault::Limit { what: "texel count", value: count, limit: limits::TEXELS });
     }
-    Ok(texels)
+    if 24 * count != bytes as u64 {
+        return Err(Fault::invalid(format!("texture map: {bytes} bytes for {count} texels")));
+    }
+    Ok(Texels::new(scene, edge))
 }
 
 fn check_scene(scene: &Scene, surfaces: u32) -> Result<(), Fault> {

@@ -9,7 +9,7 @@ use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
 use crate::ids::{Side, SurfaceId};
 use crate::radiance::Rgb;
-use crate::scene::{Scene, Surface};
+use crate::scene::{Reflectance, Scene, Surface};
 use glam::{Vec2, Vec3};
 
 /// The lattice of one surface.
@@ -54,8 +54,7 @@ impl Texels {
                 let lattice = &mut lattices[id.index()];
                 lattice.first = surface_of.len() as u32;
                 if !mirrors {
-                    let count = (surface.extent / edge).round().max(Vec2::ONE);
-                    (lattice.width, lattice.height) = (count.x as u32, count.y as u32);
+                    [lattice.width, lattice.height] = size(surface, edge);
                 }
                 let count = Vec2::new(lattice.width as f32, lattice.height as f32);
                 lattice.density = count / surface.extent.max(Vec2::splat(f32::MIN_POSITIVE));
@@ -66,6 +65,18 @@ impl Texels {
         let is_diffuse = |s: &u32| !scene.material_of(SurfaceId(*s)).reflectance.is_mirror();
         let diffuse = surface_of.partition_point(is_diffuse) as u32;
         Texels { lattices, surface_of, diffuse }
+    }
+
+    /// How many texels [`Texels::new`] would lay, without laying them.
+    pub fn count(scene: &Scene, edge: f32) -> u64 {
+        let of = |surface: &Surface| match scene.materials[surface.material.index()].reflectance {
+            Reflectance::Mirror(_) => 1,
+            Reflectance::Diffuse(_) => {
+                let [width, height] = size(surface, edge);
+                u64::from(width) * u64::from(height)
+            }
+        };
+        scene.surfaces.iter().map(of).fold(0, u64::saturating_add)
     }
 
     /// Number of texels, mirrors' included; there are twice as many values.
@@ -86,6 +97,12 @@ impl Texels {
         let row = (p.y.max(0.0) as u32).min(lattice.height - 1);
         lattice.first + row * lattice.width + column
     }
+}
+
+/// Columns and rows of texels on a diffuse surface.
+fn size(surface: &Surface, edge: f32) -> [u32; 2] {
+    let count = (surface.extent / edge).round().max(Vec2::ONE);
+    [count.x as u32, count.y as u32]
 }
 
 /// The bytes of a texture map: three f32 a value.
