@@ -80,7 +80,8 @@ fn names_after(code: &str, prefix: &str) -> Vec<String> {
 /// between the parts; `order` is what `lib.rs` declares.
 fn faults(inside: &str, text: &str, order: &[String]) -> Vec<String> {
     let module = inside.split(['/', '.']).next().unwrap();
-    if module == "lib" || module == "main" {
+    // `main.rs` and `cli/` are the program's, which uses the library from outside.
+    if ["lib", "main", "cli"].contains(&module) {
         return Vec::new();
     }
     let rank = |name: &str| order.iter().position(|o| o == name);
