@@ -8,6 +8,8 @@ use glam::Vec3;
 use std::fs::{self, File};
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use twox_hash::XxHash3_64;
+use vlf::format::container::{Directory, ENTRY, FIRST_BLOCK};
 use vlf::look::lightfield::LookError;
 use vlf::{Directions, LightField};
 
@@ -22,7 +24,10 @@ fn everything(path: &Path) -> Result<Vec<u32>, LookError> {
     let field = LightField::open(path)?;
     let mut all: Vec<u32> = Vec::new();
     all.extend(format!("{:?} {:?}", field.manifest, field.scene).bytes().map(u32::from));
-    let bits = |rgb: vlf::Rgb| rgb.0.map(f32::to_bits);
+    let bits = |rgb: vlf::Rgb| {
+        assert!(rgb.is_physical(), "{rgb:?}");
+        rgb.0.map(f32::to_bits)
+    };
     all.extend(field.total.iter().flat_map(|v| bits(*v)));
     for direction in 0..field.directions.len() as u32 {
         field.map(direction)?.for_each(|surface, cell, both| {
@@ -118,4 +123,59 @@ fn every_truncation_is_refused() {
             assert!(patient.is_refused(&|| format!("{name}, {len} bytes")), "{name}, {len} bytes");
         }
     }
+}
+
+/// Makes the hashes of chunk, directory and first block fit the bytes as they now are. `None` when the
+/// chunk is not in the file any more.
+fn reseal(file: &mut [u8], chunk: usize) -> Option<()> {
+    let number = |file: &[u8], at: usize| {
+        file.get(at..at + 8)?
+            .iter()
+            .rev()
+            .try_fold(0usize, |n, b| n.checked_mul(256).map(|n| n + usize::from(*b)))
+    };
+    let entry = FIRST_BLOCK + ENTRY * chunk;
+    let (offset, stored) = (number(file, entry + 16)?, number(file, entry + 24)?);
+    let mut identity = file[64..80].to_vec();
+    identity.extend(&file[entry..entry + 12]);
+    let seed = XxHash3_64::oneshot(&identity);
+    let bytes = file.get(offset..offset.checked_add(stored)?)?;
+    let hash = XxHash3_64::oneshot_with_seed(seed, bytes);
+    file[entry + 40..entry + 48].copy_from_slice(&hash.to_le_bytes());
+    let end = number(file, 88)?.checked_mul(ENTRY)?.checked_add(FIRST_BLOCK)?;
+    let directory = XxHash3_64::oneshot(file.get(FIRST_BLOCK..end)?);
+    file[96..104].copy_from_slice(&directory.to_le_bytes());
+    let block = XxHash3_64::oneshot(&file[..248]);
+    file[248..256].copy_from_slice(&block.to_le_bytes());
+    Some(())
+}
+
+#[test]
+fn lies_with_sound_hashes_are_refused_or_stay_in_bounds() {
+    let mut patient = Patient::new("raw.vlf");
+    let good = patient.good.clone();
+    let directory = Directory::parse(&good, good.len() as u64).unwrap();
+    let mut taken = 0;
+    for (k, entry) in directory.entries.iter().enumerate().take(5) {
+        let own = FIRST_BLOCK + ENTRY * k..FIRST_BLOCK + ENTRY * (k + 1);
+        let block = if k == 0 { 0..FIRST_BLOCK - 8 } else { 0..0 };
+        let chunk = entry.offset as usize..(entry.offset + entry.stored) as usize;
+        for (at, bit) in
+            block.chain(own).chain(chunk).flat_map(|at| (0..8).map(move |bit| (at, bit)))
+        {
+            let mut bytes = good.clone();
+            bytes[at] ^= 1 << bit;
+            if reseal(&mut bytes, k).is_none() {
+                continue;
+            }
+            patient.file.seek(SeekFrom::Start(0)).unwrap();
+            patient.file.write_all(&bytes).unwrap();
+            match everything(&patient.path) {
+                Err(LookError::Format(_)) => {}
+                Err(e) => panic!("bit {bit} of byte {at}: {e}"),
+                Ok(_) => taken += 1,
+            }
+        }
+    }
+    assert!(taken > 100, "only {taken} were taken: the hashes do not fit");
 }

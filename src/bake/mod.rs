@@ -144,8 +144,8 @@ pub fn bake(
     let directions = Directions::with_lines(parameters.directions)
         .ok_or_else(|| BakeError::Parameter(no_lattice(parameters.directions)))?;
     let count = Texels::count(scene, texel_edge(parameters));
-    if count > layers::MOST_TEXELS as u64 {
-        let most = layers::MOST_TEXELS;
+    if count > limits::TEXELS {
+        let most = limits::TEXELS;
         return Err(BakeError::Parameter(format!(
             "the scene would have {count} texels and may have {most}: lower --resolution or raise --texel"
         )));

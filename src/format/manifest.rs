@@ -199,10 +199,8 @@ impl Manifest {
         if !same || self.done.len() != (p.directions as usize).div_ceil(8) {
             return Err(Fault::invalid("its parameters are not those of its first block"));
         }
-        if !(p.texel_cells.is_finite() && p.texel_cells > 0.0)
-            || p.perturbations.is_empty()
-            || p.filter > 64
-        {
+        let filter = p.filter <= 64;
+        if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() || !filter {
             return Err(Fault::invalid("its parameters are out of range"));
         }
         Ok(())

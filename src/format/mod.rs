@@ -120,6 +120,8 @@ pub mod limits {
     pub const TILE: u32 = 256;
     /// Surfaces of a scene.
     pub const SURFACES: u32 = 1 << 24;
+    /// Texels of a scene.
+    pub const TEXELS: u64 = 1 << 30;
     /// Bytes of one chunk, decoded.
     pub const CHUNK: u64 = 1 << 32;
     /// Bytes of the manifest's record.

@@ -8,7 +8,7 @@ use crate::directions::Directions;
 use crate::format::container::{self, ChunkKind, Directory, FileKind, NO_DIRECTION, decode};
 use crate::format::manifest::{Manifest, Phase, record_from_bytes};
 use crate::format::tiles::{Layout, TileMap};
-use crate::format::{Fault, FormatError, names};
+use crate::format::{Fault, FormatError, limits, names};
 use crate::gather::{Around, mirrored};
 use crate::ids::{Side, SurfaceId};
 use crate::look::mapping::Mapping;
@@ -136,9 +136,9 @@ impl LightField {
             let manifest: Manifest = record_from_bytes(&chunk(ChunkKind::Record)?)?;
             manifest.check(&directory.header)?;
             let scene = stored::from_bytes(&chunk(ChunkKind::Scene)?)?;
-            let total = chunk(ChunkKind::TotalTexture)?;
-            let texels = texels_of(&scene, &manifest, total.len() as u64)?;
-            let total = texels::from_bytes(&total, 2 * texels.len())?;
+            let bytes = chunk(ChunkKind::TotalTexture)?;
+            let texels = texels_of(&scene, &manifest, bytes.len())?;
+            let total = texels::from_bytes(&bytes, 2 * texels.len())?;
             check_scene(&scene, directory.header.surfaces)?;
             Ok((manifest, scene, texels, total))
         };
@@ -172,7 +172,7 @@ impl LightField {
         let kind = ChunkKind::TotalTexture;
         let bytes = chunk_of(&texture_path, FileKind::Textures, kind, NO_DIRECTION)?;
         let in_textures = |f: Fault| f.in_file(texture_path.display());
-        let texels = texels_of(&scene, &manifest, bytes.len() as u64).map_err(in_textures)?;
+        let texels = texels_of(&scene, &manifest, bytes.len()).map_err(in_textures)?;
         let total = texels::from_bytes(&bytes, 2 * texels.len()).map_err(in_textures)?;
         let source = Source::Field(path.to_owned());
         let parts = (scene, texels, total);
@@ -301,14 +301,17 @@ fn find_map(directory: &Directory, direction: u32) -> Result<&container::ChunkEn
         .ok_or_else(|| Fault::Missing(format!("the map of direction {direction}")))
 }
 
-/// The texels of a scene, if they are as many as a texture map of `bytes` bytes has values for; so a
-/// scene cannot ask for more memory than its file holds.
-fn texels_of(scene: &Scene, manifest: &Manifest, bytes: u64) -> Result<Texels, Fault> {
+/// The texels of a scene, if their values take `bytes` bytes. Counted before they are laid: a file may
+/// ask for any number.
+fn texels_of(scene: &Scene, manifest: &Manifest, bytes: usize) -> Result<Texels, Fault> {
     let p = &manifest.parameters;
     let edge = 2.0 / p.resolution as f32 * p.texel_cells as f32;
     let count = Texels::count(scene, edge);
-    if count.checked_mul(24) != Some(bytes) {
-        return Err(Fault::invalid(format!("{bytes} bytes of texture maps for {count} texels")));
+    if count > limits::TEXELS {
+        return Err(Fault::Limit { what: "texel count", value: count, limit: limits::TEXELS });
+    }
+    if 24 * count != bytes as u64 {
+        return Err(Fault::invalid(format!("texture map: {bytes} bytes for {count} texels")));
     }
     Ok(Texels::new(scene, edge))
 }

@@ -9,7 +9,7 @@ use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
 use crate::ids::{Side, SurfaceId};
 use crate::radiance::Rgb;
-use crate::scene::{Scene, Surface};
+use crate::scene::{Reflectance, Scene, Surface};
 use glam::{Vec2, Vec3};
 
 /// The lattice of one surface.
@@ -54,7 +54,7 @@ impl Texels {
                 let lattice = &mut lattices[id.index()];
                 lattice.first = surface_of.len() as u32;
                 if !mirrors {
-                    (lattice.width, lattice.height) = size(surface, edge);
+                    [lattice.width, lattice.height] = size(surface, edge);
                 }
                 let count = Vec2::new(lattice.width as f32, lattice.height as f32);
                 lattice.density = count / surface.extent.max(Vec2::splat(f32::MIN_POSITIVE));
@@ -67,16 +67,16 @@ impl Texels {
         Texels { lattices, surface_of, diffuse }
     }
 
-    /// How many texels [`Texels::new`] would lay: to be known before memory is asked for.
+    /// How many texels [`Texels::new`] would lay, without laying them.
     pub fn count(scene: &Scene, edge: f32) -> u64 {
-        let of = |id| match scene.material_of(id).reflectance.is_mirror() {
-            true => 1,
-            false => {
-                let (width, height) = size(scene.surface(id), edge);
+        let of = |surface: &Surface| match scene.materials[surface.material.index()].reflectance {
+            Reflectance::Mirror(_) => 1,
+            Reflectance::Diffuse(_) => {
+                let [width, height] = size(surface, edge);
                 u64::from(width) * u64::from(height)
             }
         };
-        scene.surface_ids().map(of).sum()
+        scene.surfaces.iter().map(of).fold(0, u64::saturating_add)
     }
 
     /// Number of texels, mirrors' included; there are twice as many values.
@@ -99,10 +99,10 @@ impl Texels {
     }
 }
 
-/// Texels along both edges of a diffuse surface.
-fn size(surface: &Surface, edge: f32) -> (u32, u32) {
+/// Columns and rows of texels on a diffuse surface.
+fn size(surface: &Surface, edge: f32) -> [u32; 2] {
     let count = (surface.extent / edge).round().max(Vec2::ONE);
-    (count.x as u32, count.y as u32)
+    [count.x as u32, count.y as u32]
 }
 
 /// The bytes of a texture map: three f32 a value.
