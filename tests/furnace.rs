@@ -5,9 +5,9 @@
 
 mod common;
 
-use common::{Baked, camera, parameters, picture, scene};
+use common::{Baked, camera, obj, parameters, picture, scene, scene_of};
 use vlf::look::render::method::Method;
-use vlf::{Parameters, Rgb};
+use vlf::{Parameters, Rgb, Scene};
 
 #[test]
 fn every_texel_of_a_diffuse_furnace_is_exact_after_every_cycle() {
@@ -16,7 +16,8 @@ fn every_texel_of_a_diffuse_furnace_is_exact_after_every_cycle() {
     for tile in [8, 16, 64] {
         for cycles in [1, 2, 3] {
             let parameters = Parameters { tile, ..parameters(129, 64, cycles) };
-            let field = Baked::new(&furnace, &parameters).open();
+            let baked = Baked::new(&furnace, &parameters);
+            let field = baked.open();
             let exact: f64 = le * (0..=cycles).map(|k| rho.powi(k as i32)).sum::<f64>();
             let mut worst = 0.0f64;
             // Fronts look into the box, backs out of it.
@@ -31,23 +32,44 @@ fn every_texel_of_a_diffuse_furnace_is_exact_after_every_cycle() {
     }
 }
 
+/// The floor under the block of `furnace_mirror` must not show: the block's faces emit to the outside
+/// only, so its inside is no furnace.
 #[test]
 fn pictures_of_a_furnace_with_mirrors_are_two_everywhere() {
-    let furnace = scene("furnace_mirror");
-    let parameters = Parameters { cycles: None, ..parameters(513, 64, 1) };
-    let field = Baked::new(&furnace, &parameters).open();
+    two_everywhere(&scene("furnace_mirror"));
+}
+
+/// The same with a bottom to the block, which touches the floor: no light passes between the two, and
+/// lines that meet only in the contact must not count.
+#[test]
+fn a_closed_block_that_stands_in_a_furnace_leaves_no_stain() {
+    let folder = obj("furnace_mirror");
+    let bottom =
+        "v -0.5 -1 -0.3\nv 0 -1 -0.3\nv 0 -1 0.2\nv -0.5 -1 0.2\nusemtl block\nf -4 -3 -2 -1\n";
+    let text = std::fs::read_to_string(&folder).unwrap().replace("mtllib", "# ") + bottom;
+    let mtl = std::fs::read_to_string(folder.with_extension("mtl")).unwrap();
+    two_everywhere(&scene_of(&text, &mtl));
+}
+
+fn two_everywhere(furnace: &Scene) {
+    let parameters = Parameters { cycles: None, ..parameters(129, 64, 1) };
+    let baked = Baked::new(furnace, &parameters);
+    let field = baked.open();
     let camera = camera("furnace_mirror", 64, 64);
+    let mut failures = Vec::new();
     for method in [Method::Trace, Method::Field] {
         let picture = picture(&field, &camera, method, 4);
         let off = |p: &Rgb| p.0.map(|c| (c - 2.0).abs() / 2.0).into_iter().fold(0.0, f32::max);
         let worst = picture.pixels.iter().map(off).fold(0.0, f32::max);
         let over = picture.pixels.iter().filter(|p| off(p) > 0.01).count();
-        let cycles = field.manifest.cycle;
-        assert!(
-            worst < 0.01,
-            "{method:?}, {cycles} cycles: off by up to {:.2} %; {over} of {} pixels over 1 %",
-            100.0 * worst,
-            picture.pixels.len()
-        );
+        if worst >= 0.01 {
+            failures.push(format!(
+                "{method:?}, {} cycles: off by up to {:.2} %; {over} of {} pixels over 1 %",
+                field.manifest.cycle,
+                100.0 * worst,
+                picture.pixels.len()
+            ));
+        }
     }
+    assert!(failures.is_empty(), "{failures:#?}");
 }

@@ -427,6 +427,10 @@ impl<'a> Bake<'a> {
             })?;
             drop(pages);
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));
+            // With the directions they belong to, so that a resumed bake counts none twice and misses none.
+            let fragments = |w: &Mutex<totals::Scratch>| std::mem::take(&mut lock(w).fragments);
+            let fragments: u64 = workers.iter().map(fragments).sum();
+            self.field.manifest_mut().statistics.fragments += fragments;
             self.count_seconds();
             self.field.commit()?;
             self.committed = Instant::now();
@@ -435,12 +439,10 @@ impl<'a> Bake<'a> {
             }
         }
         self.field.publish_folder(names::TOTAL)?;
-        let fragments: u64 = workers.iter().map(|w| lock(w).fragments).sum();
         let digest = self.field.digest()?;
         self.count_seconds();
         let cycle = self.field.manifest().cycle;
         let manifest = self.field.manifest_mut();
-        manifest.statistics.fragments += fragments;
         manifest.phase = Phase::Finished;
         manifest.digest = digest;
         self.field.commit()?;

@@ -20,31 +20,41 @@ pub fn see_each_other(near: Fragment, far: Fragment) -> bool {
 /// Puts touching fragments into an order that is the same from both ends of the ray and from every
 /// direction. Fragments in the order of depth; only those that touch change places.
 pub fn order_contacts(fragments: &mut [Fragment]) {
-    for k in 1..fragments.len() {
-        let mut at = k;
-        while at > 0 && !see_each_other(fragments[at - 1], fragments[at]) {
-            let inside = at >= 2 && !fragments[at - 2].faces_along();
-            if !out_of_order(fragments[at - 1], fragments[at], inside) {
-                break;
-            }
-            fragments.swap(at - 1, at);
-            at -= 1;
+    // Groups of touching fragments, most of them of one: the one before, and the one at hand.
+    let (mut before, mut from) = (0, 0);
+    while from < fragments.len() {
+        let to = group_end(fragments, from);
+        if to - from > 1 {
+            // The ray is inside a solid before them if what it met last showed it its front, and
+            // inside one behind them if what comes next shows it its back.
+            let entered = fragments[before..from].iter().any(|f| !f.faces_along());
+            let next = group_end(fragments, to);
+            let to_leave = fragments[to..next].iter().any(|f| f.faces_along());
+            order_group(&mut fragments[from..to], entered || to_leave);
         }
+        (before, from) = (from, to);
     }
 }
 
-/// Whether two touching fragments should change places; `inside` says that the ray is inside a solid
-/// before them, since the last surface it met showed it its front.
-fn out_of_order(near: Fragment, far: Fragment, inside: bool) -> bool {
-    match (near.faces_along(), far.faces_along()) {
-        // Two closed solids that touch (a box on a floor) have their fronts together; a thin sheet of
-        // two polygons has its backs together. Inside a solid its far side comes next.
-        (false, true) => inside,
-        (true, false) => !inside,
-        // Of coincident surfaces that face the same way the one with the lower number is in front.
-        (true, true) => near.texel() < far.texel(),
-        (false, false) => near.texel() > far.texel(),
-    }
+/// Where the group of touching fragments ends that begins at `from`.
+fn group_end(fragments: &[Fragment], from: usize) -> usize {
+    let gap = |pair: &[Fragment]| see_each_other(pair[0], pair[1]);
+    let rest = &fragments[from..];
+    from + rest.windows(2).position(gap).map_or(rest.len(), |k| k + 1)
+}
+
+/// Orders fragments that touch. Two closed solids that touch (a box on a floor) have their fronts
+/// together; a thin sheet of two polygons, with no solid at either end, has its backs together. Of
+/// coincident surfaces that face the same way the one with the lower number is in front.
+fn order_group(group: &mut [Fragment], solid: bool) {
+    let key = |f: &Fragment| {
+        let number = i64::from(f.texel());
+        (f.faces_along() == solid, if f.faces_along() { -number } else { number })
+    };
+    group.sort_by(|a, b| {
+        let ((a_first, a_number), (b_first, b_number)) = (key(a), key(b));
+        b_first.cmp(&a_first).then(a_number.cmp(&b_number))
+    });
 }
 
 #[cfg(test)]
@@ -68,7 +78,19 @@ mod tests {
         assert_eq!(ordered(&[(0.0, 1, false), (0.5, 2, true), (0.5, 3, false)]), [1, 2, 3]);
         assert_eq!(ordered(&[(0.0, 1, false), (0.5, 3, true), (0.5, 2, false)]), [1, 3, 2]);
         // From below: floor 3 shows its back, then the bottom 2 its front, then the top 1 its back.
-        assert_eq!(ordered(&[(0.0, 3, true), (0.0, 2, false), (0.5, 1, true)]), [2, 3, 1]);
+        assert_eq!(ordered(&[(0.0, 3, true), (0.0, 2, false), (0.5, 1, true)]), [3, 2, 1]);
+        assert_eq!(ordered(&[(0.0, 2, false), (0.0, 3, true), (0.5, 1, true)]), [3, 2, 1]);
+        // Boxes 1 2, 3 4 and 5 6 in a row, from both ends.
+        let row = [
+            (0.0, 1, false),
+            (0.1, 3, false),
+            (0.1, 2, true),
+            (0.2, 4, true),
+            (0.2, 5, false),
+            (0.3, 6, true),
+        ];
+        assert_eq!(ordered(&row), [1, 2, 3, 4, 5, 6]);
+        assert_eq!(ordered(&row.map(|(z, t, along)| (-z, t, !along))), [6, 5, 4, 3, 2, 1]);
         // A sheet of 5 and 6 in a room: whichever shows its front comes first.
         let sheet = [(-0.5, 1, true), (0.0, 5, true), (0.0, 6, false), (0.5, 2, false)];
         assert_eq!(ordered(&sheet), [1, 6, 5, 2]);

@@ -389,3 +389,161 @@ fn sort_few(fragments: &mut [Fragment]) {
         fragments[k] = item;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ids::MaterialId;
+    use crate::radiance::Rgb;
+    use crate::scene::{Fit, Material, Polygon, Reflectance, Surface};
+    use glam::{DVec3, Vec2};
+    use proptest::prelude::*;
+
+    fn rectangle(corner: Vec3, a: Vec3, b: Vec3) -> Surface {
+        Surface {
+            material: MaterialId(0),
+            normal: a.cross(b).normalize(),
+            origin: corner,
+            u: a.normalize(),
+            v: b.normalize(),
+            extent: Vec2::new(a.length(), b.length()),
+            polygons: vec![Polygon {
+                vertices: vec![corner, corner + a, corner + a + b, corner + b],
+            }],
+        }
+    }
+
+    fn scene(surfaces: Vec<Surface>) -> Scene {
+        let white = Material {
+            name: "white".to_owned(),
+            emitted: Rgb::BLACK,
+            reflectance: Reflectance::Diffuse(Rgb::splat(0.5)),
+        };
+        Scene { surfaces, materials: vec![white], fit: Fit { centre: DVec3::ZERO, radius: 1.0 } }
+    }
+
+    /// Where the ray through a cell's middle meets a rectangle: depth, texel, and by how much of its
+    /// edges it misses or meets (in double precision, from the definition).
+    fn meet(surface: &Surface, psf: &Psf, x: f64, y: f64) -> Option<(f64, Vec2, f64)> {
+        let edge = 2.0 / f64::from(psf.resolution);
+        let (right, up, w) = (psf.right.as_dvec3(), psf.up.as_dvec3(), psf.direction.as_dvec3());
+        let at = |c: f64, s: f32| (c - f64::from(s)) * edge - 1.0;
+        let from = right * at(x, psf.shift.x) + up * at(y, psf.shift.y);
+        let normal = surface.normal.as_dvec3();
+        let depth = (surface.origin.as_dvec3() - from).dot(normal) / w.dot(normal);
+        let p = from + w * depth - surface.origin.as_dvec3();
+        let (u, v) = (p.dot(surface.u.as_dvec3()), p.dot(surface.v.as_dvec3()));
+        let extent = surface.extent.as_dvec2();
+        let inside = u.min(extent.x - u).min(v).min(extent.y - v);
+        depth.is_finite().then(|| (depth, Vec2::new(u as f32, v as f32), inside))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        /// Rectangles strewn about: each ray meets those that the definition says, in that order, in
+        /// those texels, from those sides.
+        #[test]
+        fn every_ray_meets_what_a_brute_force_search_finds(
+            rectangles in prop::collection::vec(
+                (prop::array::uniform3(-0.4f32..0.4), prop::array::uniform3(-0.5f32..0.5),
+                 prop::array::uniform3(-0.5f32..0.5)), 1..12),
+            direction in prop::array::uniform3(-1.0f32..1.0),
+            shift in prop::array::uniform2(-0.5f32..0.5),
+        ) {
+            let direction = Vec3::from(direction);
+            prop_assume!(direction.length() > 0.1);
+            let mut surfaces = Vec::new();
+            for (corner, a, b) in rectangles {
+                let (corner, a) = (Vec3::from(corner), Vec3::from(a) * 0.6);
+                let b = a.cross(Vec3::from(b));
+                if a.length() > 0.02 && b.length() > 1e-3 {
+                    surfaces.push(rectangle(corner, a, b.normalize() * 0.3));
+                }
+            }
+            let scene = scene(surfaces);
+            let n = 16;
+            let psf = Psf::new(direction.normalize(), n).shifted(Vec2::from(shift));
+            let texels = Texels::new(&scene, psf.cell_edge());
+            let mut layers = Layers::default();
+            layers.rasterise(&Outlines::new(&scene, &texels), &psf);
+            for cell in 0..n * n {
+                let (i, j) = (cell % n, cell / n);
+                let (x, y) = (f64::from(i) + 0.5, f64::from(j) + 0.5);
+                let mut expected = Vec::new();
+                let mut unsure = Vec::new();
+                for id in scene.surface_ids() {
+                    let surface = scene.surface(id);
+                    let cosine = surface.normal.dot(psf.direction);
+                    let Some((depth, at, inside)) = meet(surface, &psf, x, y) else { continue };
+                    // Edge-on planes and rays along an edge are rounding's to decide.
+                    if cosine.abs() < 1e-3 || inside.abs() < 1e-5 / f64::from(cosine.abs()) {
+                        unsure.push(id.0);
+                    } else if inside > 0.0 {
+                        expected.push((depth, id.0, at, cosine > 0.0));
+                    }
+                }
+                expected.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let found: Vec<Fragment> = layers
+                    .cell(i, j)
+                    .iter()
+                    .filter(|f| !unsure.contains(&texels.surface_of[f.texel() as usize]))
+                    .copied()
+                    .collect();
+                prop_assert_eq!(found.len(), expected.len());
+                for (f, (depth, _, _, _)) in found.iter().zip(&expected) {
+                    prop_assert!((f64::from(f.depth()) - depth).abs() < 1e-3);
+                }
+                for f in &found {
+                    let surface = texels.surface_of[f.texel() as usize];
+                    let e = expected.iter().find(|e| e.1 == surface);
+                    let Some((depth, _, at, along)) = e else {
+                        return Err(TestCaseError::fail(format!("surface {surface} is not there")));
+                    };
+                    prop_assert!((f64::from(f.depth()) - depth).abs() < 1e-4);
+                    prop_assert_eq!(f.faces_along(), *along);
+                    let lattice = texels.lattices[surface as usize];
+                    let inside = f.texel() - lattice.first;
+                    let middle = Vec2::new(
+                        (inside % lattice.width) as f32 + 0.5,
+                        (inside / lattice.width) as f32 + 0.5,
+                    );
+                    let off = (*at * lattice.density - middle).abs();
+                    prop_assert!(off.max_element() < 0.51, "texel {middle} for {at}");
+                }
+                // In order wherever depths differ by more than their rounding.
+                for pair in found.windows(2) {
+                    prop_assert!(pair[0].depth() <= pair[1].depth());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn halves_of_a_square_share_no_cell_and_leave_none_out() {
+        // Two triangles with their diagonal through the middles of cells, and a fan about a middle.
+        let v = |x: f32, y: f32| Vec3::new(x, y, 0.0);
+        let corners = [v(-0.5, -0.5), v(0.5, -0.5), v(0.5, 0.5), v(-0.5, 0.5)];
+        let middle = v(1.0 / 16.0, 1.0 / 16.0);
+        let mut fan = rectangle(corners[0], Vec3::X, Vec3::Y);
+        fan.polygons = (0..4)
+            .map(|k| Polygon { vertices: vec![corners[k], corners[(k + 1) % 4], middle] })
+            .collect();
+        let mut halves = rectangle(corners[0], Vec3::X, Vec3::Y);
+        halves.polygons = [[0, 1, 2], [0, 2, 3]]
+            .map(|t| Polygon { vertices: t.map(|k: usize| corners[k]).to_vec() })
+            .to_vec();
+        for surface in [fan, halves] {
+            let scene = scene(vec![surface]);
+            let psf = Psf::new(Vec3::Z, 16);
+            let texels = Texels::new(&scene, psf.cell_edge());
+            let mut layers = Layers::default();
+            layers.rasterise(&Outlines::new(&scene, &texels), &psf);
+            for cell in 0..256 {
+                let (i, j) = (cell % 16, cell / 16);
+                let inside = (4..12).contains(&i) && (4..12).contains(&j);
+                assert_eq!(layers.cell(i, j).len(), usize::from(inside), "cell {i}, {j}");
+            }
+            assert_eq!(layers.len(), 64);
+        }
+    }
+}

@@ -179,3 +179,22 @@ impl Dice {
         all
     }
 }
+
+/// A floor, a closed box that stands on it, and a lamp, seen from nowhere else: `floor` faces up, the
+/// box's bottom lies in the floor's plane.
+pub const BOX_ON_A_FLOOR: &str = "\
+v -2 0 2\nv 2 0 2\nv 2 0 -2\nv -2 0 -2
+v -0.53 0 0.47\nv 0.49 0 0.47\nv 0.49 0 -0.51\nv -0.53 0 -0.51
+v -0.53 0.9 0.47\nv 0.49 0.9 0.47\nv 0.49 0.9 -0.51\nv -0.53 0.9 -0.51
+v 0.7 2 0.3\nv 0.7 2 -0.3\nv 1.3 2 -0.3\nv 1.3 2 0.3
+usemtl floor\nf 1 2 3 4
+usemtl white\nf 8 7 6 5\nf 9 10 11 12\nf 5 6 10 9\nf 6 7 11 10\nf 7 8 12 11\nf 8 5 9 12
+usemtl lamp\nf 16 15 14 13
+";
+
+/// Materials of [`BOX_ON_A_FLOOR`]. The lamp's front faces down.
+pub const WHITE_AND_LAMP: &str = "\
+newmtl floor\nKd 0.5 0.5 0.5\nillum 1
+newmtl white\nKd 0.8 0.8 0.8\nillum 1
+newmtl lamp\nKd 0 0 0\nKe 10 10 10\nillum 1
+";

@@ -1,0 +1,404 @@
+//! The program is kind to mistakes: whatever is wrong is said in one clear message on standard error,
+//! the exit code says what kind of thing it is, and nothing that was there is overwritten. What is
+//! asked for as JSON is one JSON object and nothing else.
+
+mod common;
+
+use assert_cmd::Command;
+use common::{BOX_ON_A_FLOOR, Baked, How, WHITE_AND_LAMP, bake_to, obj, parameters, scene};
+use std::fs;
+use std::path::Path;
+use tempfile::TempDir;
+use vlf::format::container::Codec;
+use vlf::pack::pack;
+
+const USAGE: i32 = 2;
+const IO: i32 = 3;
+const CORRUPT: i32 = 4;
+const LOCKED: i32 = 6;
+const LIMIT: i32 = 7;
+const IDENTITY: i32 = 8;
+
+fn vlf(folder: &TempDir) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_vlf"));
+    command.current_dir(folder.path());
+    command
+}
+
+/// Runs the program, which must fail with this code, say each of `words` on standard error and print
+/// nothing. Returns what it said.
+fn refused(folder: &TempDir, args: &[&str], code: i32, words: &[&str]) -> String {
+    let output = vlf(folder).args(args).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{args:?}: {said}");
+    assert!(output.stdout.is_empty(), "{args:?}: on standard output");
+    for word in words {
+        assert!(said.contains(word), "{args:?}: no `{word}` in: {said}");
+    }
+    assert!(!said.contains("panicked"), "{args:?}: {said}");
+    said
+}
+
+/// A folder with a scene `box.obj` in it.
+fn folder() -> TempDir {
+    let folder = TempDir::new().unwrap();
+    write(&folder, "box.obj", &format!("mtllib box.mtl\n{BOX_ON_A_FLOOR}"));
+    write(&folder, "box.mtl", WHITE_AND_LAMP);
+    folder
+}
+
+fn write(folder: &TempDir, name: &str, text: &str) {
+    fs::write(folder.path().join(name), text).unwrap();
+}
+
+const BAKE: [&str; 8] =
+    ["--directions", "33", "--resolution", "32", "--cycles", "2", "--quality", "draft"];
+
+/// `vlf bake box.obj -o OUT` of a small field with more arguments.
+fn bake<'a>(out: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["bake", "box.obj", "-o", out][..], &BAKE, more].concat()
+}
+
+/// The same with one of the small field's options another.
+fn bake_but<'a>(out: &'a str, option: &str, value: &'a str) -> Vec<&'a str> {
+    let mut args = bake(out, &[]);
+    let at = args.iter().position(|a| *a == option).unwrap();
+    args[at + 1] = value;
+    args
+}
+
+#[test]
+fn scenes_that_cannot_be_lit_are_refused_before_anything_is_made() {
+    let folder = folder();
+    write(&folder, "empty.obj", "");
+    write(&folder, "points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n");
+    write(&folder, "library.obj", "mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    write(&folder, "dark.obj", "mtllib dark.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n");
+    write(&folder, "dark.mtl", "newmtl a\nKd 0.5 0.5 0.5\n");
+    write(&folder, "broken.obj", "v 0 0 0\nv 1 0 x\n");
+    fs::write(folder.path().join("binary.obj"), [0xff, 0xfe, 0, 1, 2]).unwrap();
+    for (scene, code, words) in [
+        ("gone.obj", IO, &["gone.obj", "cannot be read"][..]),
+        (".", IO, &["cannot be read"]),
+        ("empty.obj", CORRUPT, &["empty.obj", "no face"]),
+        ("points.obj", CORRUPT, &["points.obj", "no face"]),
+        ("library.obj", IO, &["library.obj:1", "gone.mtl"]),
+        ("dark.obj", CORRUPT, &["dark.obj", "nothing emits light", "Ke"]),
+        ("broken.obj", CORRUPT, &["broken.obj:2"]),
+        ("binary.obj", CORRUPT, &["binary.obj"]),
+    ] {
+        refused(&folder, &["bake", scene, "-o", "out.field"], code, words);
+        assert!(!folder.path().join("out.field").exists(), "{scene}");
+    }
+}
+
+#[test]
+fn parameters_that_make_no_sense_are_refused_before_anything_is_made() {
+    let folder = folder();
+    for (option, value, code, words) in [
+        ("--directions", "100", USAGE, &["--directions 100", "129"][..]),
+        ("--directions", "0", USAGE, &["--directions 0"]),
+        ("--directions", "many", USAGE, &["--directions"]),
+        ("--resolution", "0", USAGE, &["--resolution 0"]),
+        ("--resolution", "1000000", USAGE, &["--resolution 1000000"]),
+        ("--cycles", "0", USAGE, &["--cycles"]),
+        ("--cycles", "some", USAGE, &["--cycles", "auto"]),
+    ] {
+        refused(&folder, &bake_but("out.field", option, value), code, words);
+    }
+    for (more, code, words) in [
+        (&["--tile", "7"][..], USAGE, &["--tile 7", "divide"][..]),
+        (&["--tile", "0"], USAGE, &["--tile 0"]),
+        (&["--perturb", "0"], USAGE, &["--perturb"]),
+        (&["--threads", "0"], USAGE, &["--threads 0"]),
+        (&["--texel", "0"], USAGE, &["texel"]),
+        (&["--texel", "NaN"], USAGE, &["texel"]),
+        (&["--memory", "1MiB"], LIMIT, &["needs at least", "MiB"]),
+        (&["--memory", "lots"], USAGE, &["--memory"]),
+        (&["--colour"], USAGE, &["--colour"]),
+    ] {
+        refused(&folder, &bake("out.field", more), code, words);
+    }
+    assert!(!folder.path().join("out.field").exists());
+    refused(&folder, &["bake", "box.obj"], USAGE, &["--output"]);
+    refused(&folder, &["blend"], USAGE, &["blend"]);
+    refused(&folder, &[], USAGE, &["Usage"]);
+}
+
+/// The least memory that is named must do.
+#[test]
+fn the_memory_that_a_refusal_asks_for_is_enough() {
+    let folder = folder();
+    let said = refused(&folder, &bake("out.field", &["--memory", "1MiB"]), LIMIT, &[]);
+    let after = said.split("at least ").nth(1).unwrap();
+    let needs: String = after.split(" of ").next().unwrap().replace(' ', "");
+    vlf(&folder).args(bake("out.field", &["--memory", &needs])).assert().success();
+}
+
+#[test]
+fn what_is_not_a_field_is_not_baked_over() {
+    let folder = folder();
+    write(&folder, "letter.txt", "Dear reader");
+    fs::create_dir(folder.path().join("photos")).unwrap();
+    write(&folder, "photos/one.jpg", "not ours");
+    for out in ["letter.txt", "photos"] {
+        refused(
+            &folder,
+            &bake(out, &[]),
+            CORRUPT,
+            &[out, "not a VLF field", "nothing was changed"],
+        );
+    }
+    assert_eq!(fs::read_to_string(folder.path().join("letter.txt")).unwrap(), "Dear reader");
+    let photos: Vec<_> = fs::read_dir(folder.path().join("photos")).unwrap().collect();
+    assert_eq!(photos.len(), 1, "{photos:?}");
+    refused(&folder, &bake("letter.txt/out.field", &[]), IO, &["letter.txt"]);
+}
+
+/// Small bake of the bundled scene, and its pack.
+fn baked() -> (Baked, TempDir) {
+    let baked = Baked::new(&scene("cornell_mirror"), &parameters(33, 32, 2));
+    let folder = TempDir::new().unwrap();
+    pack(&baked.path, &folder.path().join("room.vlf"), Codec::Zstd, &|_| {}).unwrap();
+    (baked, folder)
+}
+
+const LOOK: [&str; 4] = ["--eye", "0,1,3.4", "--target", "0,1,0"];
+
+#[test]
+fn cameras_that_can_see_nothing_are_refused() {
+    let (_baked, folder) = baked();
+    let look = |eye: &str, more: &[&str], code: i32, words: &[&str]| {
+        let args = [&["render", "room.vlf", "-o", "out.png", "--eye", eye][..], more].concat();
+        refused(&folder, &args, code, words);
+        assert!(!folder.path().join("out.png").exists());
+    };
+    let target = ["--target", "0,1,0"];
+    look("0,1,0", &target, USAGE, &["target"]);
+    look("0,1", &target, USAGE, &["--eye"]);
+    look("0,one,2", &target, USAGE, &["--eye"]);
+    look("0,nan,2", &target, USAGE, &["eye"]);
+    look("0,1,3", &[], USAGE, &["--target"]);
+    look("0,1,3", &["--target", "0,1,0", "--up", "0,0,1"], USAGE, &["up"]);
+    for size in ["0x0", "0x10", "1000000x1000000", "20000x1"] {
+        look("0,1,3", &["--target", "0,1,0", "--size", size], USAGE, &["pixels"]);
+    }
+    for size in ["100", "axb", "-1x5", "99999999999x1"] {
+        look("0,1,3", &["--target", "0,1,0", &format!("--size={size}")], USAGE, &["--size"]);
+    }
+    look("0,1,3", &["--target", "0,1,0", "--samples", "0"], USAGE, &["--samples"]);
+    look("0,1,3", &["--target", "0,1,0", "--vfov", "180"], USAGE, &["vfov"]);
+    look("0,1,3", &["--target", "0,1,0", "--camera", "a.json"], USAGE, &["--camera"]);
+    let camera = ["render", "room.vlf", "-o", "out.png", "--camera"];
+    refused(&folder, &[&camera[..], &["gone.json"]].concat(), IO, &["gone.json"]);
+    write(&folder, "bad.json", "{\"eye\": 1}");
+    refused(&folder, &[&camera[..], &["bad.json"]].concat(), CORRUPT, &["bad.json", "camera"]);
+}
+
+#[test]
+fn an_eye_inside_a_closed_solid_is_told_so() {
+    let folder = folder();
+    vlf(&folder).args(bake("box.field", &[])).assert().success();
+    let look = ["render", "box.field", "-o", "out.png", "--target", "3,3,3", "--eye"];
+    refused(&folder, &[&look[..], &["0,0.4,0"]].concat(), USAGE, &["inside", "solid"]);
+    refused(&folder, &[&look[..], &["0,0.9,0"]].concat(), USAGE, &["lies on surface"]);
+    assert!(!folder.path().join("out.png").exists());
+}
+
+#[test]
+fn pictures_replace_pictures_of_their_kind_only() {
+    let (_baked, folder) = baked();
+    let render = |out: &str| -> Vec<String> {
+        [&["render", "room.vlf", "--size", "8x6", "--samples", "1", "-o", out][..], &LOOK]
+            .concat()
+            .into_iter()
+            .map(str::to_owned)
+            .collect()
+    };
+    let refused = |out: &str, code, words: &[&str]| {
+        let args = render(out);
+        let args: Vec<&str> = args.iter().map(String::as_str).collect();
+        refused(&folder, &args, code, words);
+    };
+    write(&folder, "letter.png", "Dear reader");
+    refused("letter.png", IO, &["letter.png", "nothing was changed"]);
+    assert_eq!(fs::read_to_string(folder.path().join("letter.png")).unwrap(), "Dear reader");
+    fs::create_dir(folder.path().join("folder.exr")).unwrap();
+    write(&folder, "folder.exr/keep", "me");
+    refused("folder.exr", IO, &["folder.exr"]);
+    assert!(folder.path().join("folder.exr/keep").exists());
+    refused("out.jpg", USAGE, &[".exr or .png"]);
+    refused("out", USAGE, &[".exr or .png"]);
+    refused("nowhere/out.png", IO, &["nowhere"]);
+    for out in ["a.png", "a.exr"] {
+        for _again in 0..2 {
+            vlf(&folder).args(render(out)).assert().success();
+        }
+    }
+    fs::copy(folder.path().join("a.png"), folder.path().join("b.exr")).unwrap();
+    refused("b.exr", IO, &["b.exr", "nothing was changed"]);
+}
+
+#[test]
+fn unfinished_and_damaged_fields_are_not_shown() {
+    let (baked, folder) = baked();
+    let at = |name: &str| folder.path().join(name);
+    let look = |field: &str, code, words: &[&str]| {
+        let args = [
+            &["render", field, "-o", "out.png", "--size", "40x30", "--method", "field"][..],
+            &LOOK,
+        ]
+        .concat();
+        let said = refused(&folder, &args, code, words);
+        assert!(!at("out.png").exists(), "{field}");
+        said
+    };
+    let how = How { stop_after: Some(2), ..How::default() };
+    bake_to(&at("half.field"), &scene("cornell_mirror"), &parameters(33, 32, 2), &how);
+    look("half.field", USAGE, &["not finished", "vlf bake"]);
+    look("gone.vlf", IO, &["gone.vlf"]);
+    fs::write(at("empty.vlf"), "").unwrap();
+    look("empty.vlf", CORRUPT, &["empty.vlf"]);
+    fs::write(at("letter.vlf"), "Dear reader").unwrap();
+    look("letter.vlf", CORRUPT, &["letter.vlf"]);
+    fs::create_dir(at("folder")).unwrap();
+    look("folder", CORRUPT, &["folder"]);
+
+    let whole = fs::read(at("room.vlf")).unwrap();
+    let mut dice = common::Dice(3);
+    for part in [0.001, 0.01, 0.1, 0.5, 0.99] {
+        let length = (whole.len() as f64 * part) as usize;
+        fs::write(at("cut.vlf"), &whole[..length]).unwrap();
+        look("cut.vlf", CORRUPT, &["cut.vlf"]);
+    }
+    fs::write(at("cut.vlf"), &whole[..whole.len() - 1]).unwrap();
+    look("cut.vlf", CORRUPT, &["cut.vlf"]);
+    // A flipped bit is found, or it is in padding or in a map that the picture does not need.
+    let intact = {
+        let args = [
+            &["render", "room.vlf", "-o", "good.exr", "--size", "40x30", "--method", "field"][..],
+            &LOOK,
+        ]
+        .concat();
+        vlf(&folder).args(args).assert().success();
+        fs::read(at("good.exr")).unwrap()
+    };
+    let mut found = 0;
+    for _ in 0..40 {
+        let mut bytes = whole.clone();
+        let bit = dice.next() as usize % (8 * bytes.len());
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        fs::write(at("bad.vlf"), bytes).unwrap();
+        let args = [
+            &["render", "bad.vlf", "-o", "bad.exr", "--size", "40x30", "--method", "field"][..],
+            &LOOK,
+        ]
+        .concat();
+        let output = vlf(&folder).args(args).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        match output.status.code() {
+            Some(0) => {
+                assert!(fs::read(at("bad.exr")).unwrap() == intact, "bit {bit} shows");
+                fs::remove_file(at("bad.exr")).unwrap();
+            }
+            Some(CORRUPT | 5 | LIMIT) => {
+                found += 1;
+                assert!(said.contains("bad.vlf"), "bit {bit}: {said}");
+                assert!(!at("bad.exr").exists(), "bit {bit}");
+            }
+            code => panic!("bit {bit}: exit {code:?}: {said}"),
+        }
+    }
+    assert!(found > 10, "only {found} of 40 flipped bits were found");
+    drop(baked);
+}
+
+#[test]
+fn a_field_in_use_and_a_field_of_another_bake_are_left_alone() {
+    let folder = folder();
+    vlf(&folder).args(bake("box.field", &[])).assert().success();
+    let manifest = folder.path().join("box.field").join(vlf::format::names::MANIFEST);
+    let before = fs::read(&manifest).unwrap();
+    let other = bake_but("box.field", "--resolution", "16");
+    refused(&folder, &other, IDENTITY, &["box.field", "resolution 32, not 16"]);
+    let other = bake("box.field", &["--one-sided"]);
+    refused(&folder, &other, IDENTITY, &["box.field"]);
+    write(&folder, "box.mtl", &WHITE_AND_LAMP.replace("0.8", "0.7"));
+    refused(&folder, &bake("box.field", &[]), IDENTITY, &["another scene"]);
+    write(&folder, "box.mtl", WHITE_AND_LAMP);
+
+    let lock = folder.path().join("box.field").join(vlf::format::names::LOCK);
+    let held = fs::File::options().write(true).open(lock).unwrap();
+    held.lock().unwrap();
+    refused(&folder, &bake("box.field", &[]), LOCKED, &["box.field", "another process"]);
+    drop(held);
+    vlf(&folder).args(bake("box.field", &[])).assert().success();
+    assert!(fs::read(manifest).unwrap() == before);
+}
+
+#[test]
+fn json_is_one_object_and_nothing_else() {
+    let folder = folder();
+    let object = |args: &[&str]| -> serde_json::Value {
+        let output = vlf(&folder).args(args).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert!(value.is_object(), "{args:?}");
+        value
+    };
+    let made = object(&bake("box.field", &["--json"]));
+    assert_eq!(made["phase"], "Finished");
+    assert_eq!(made["report"]["counts"]["polygons"], 8);
+    let field = folder.path().join("box.field");
+    pack(&field, &folder.path().join("box.vlf"), Codec::Zstd, &|_| {}).unwrap();
+    for name in ["box.field", "box.vlf"] {
+        let info = object(&["info", name, "--json"]);
+        assert_eq!(info["digest"], made["digest"]);
+        assert_eq!(info["ledger"], made["ledger"], "{name}");
+        assert_eq!(info["ledger"].as_array().unwrap().len(), 2);
+        assert!(info["ledger"][0]["residual"].as_f64().unwrap().abs() < 1e-3);
+        assert_eq!(info["parameters"]["directions"], 33);
+        // The same for people.
+        let output = vlf(&folder).args(["info", name]).output().unwrap();
+        let said = String::from_utf8(output.stdout).unwrap();
+        for word in ["33 directions", "energy", "absorbed", "finished after 2 cycles", "digest"] {
+            assert!(said.contains(word), "{name}: no `{word}` in {said}");
+        }
+    }
+    let look = ["--eye", "2,2,3", "--target", "0,0.5,0", "--size", "16x12", "--json"];
+    for out in ["a.exr", "b.exr"] {
+        let picture = object(&[&["render", "box.vlf", "-o", out][..], &look].concat());
+        assert_eq!(picture["size"], serde_json::json!([16, 12]));
+    }
+    let compared = object(&["compare", "a.exr", "b.exr", "--json"]);
+    assert!(compared.as_object().unwrap().values().any(|v| v.as_f64() == Some(0.0)), "{compared}");
+}
+
+#[test]
+fn help_names_every_command() {
+    let folder = TempDir::new().unwrap();
+    let output = vlf(&folder).arg("--help").output().unwrap();
+    assert!(output.status.success());
+    let said = String::from_utf8(output.stdout).unwrap();
+    for command in ["demo", "bake", "info", "render", "compare", "scene", "vlf-pack", "vlf-view"] {
+        assert!(said.contains(command), "no `{command}` in {said}");
+    }
+    for command in ["demo", "bake", "info", "render", "compare", "scene"] {
+        vlf(&folder).args([command, "--help"]).assert().success();
+    }
+    vlf(&folder).arg("--version").assert().success();
+}
+
+#[test]
+fn a_bundled_scene_is_written_once_and_bakes() {
+    let folder = TempDir::new().unwrap();
+    vlf(&folder).args(["scene", "cornell_mirror", "-o", "room.obj"]).assert().success();
+    let again = ["scene", "cornell", "-o", "room.obj"];
+    refused(&folder, &again, IO, &["room.obj"]);
+    refused(&folder, &["scene", "nowhere", "-o", "x.obj"], USAGE, &["nowhere", "cornell"]);
+    let bundled = fs::read_to_string(obj("cornell_mirror").with_extension("mtl")).unwrap();
+    assert_eq!(fs::read_to_string(folder.path().join("room.mtl")).unwrap(), bundled);
+    let bake = [&["bake", "room.obj", "-o", "room.field"][..], &BAKE].concat();
+    vlf(&folder).args(bake).assert().success();
+    assert!(Path::new(&folder.path().join("room.field")).is_dir());
+}

@@ -1,0 +1,103 @@
+//! The field is the same to the last bit however it was baked: with any number of threads, any order
+//! of directions, any memory, stopped and resumed at any place. So a bake that was interrupted needs
+//! no trust, two bakes can be compared by their digests, and a difference is always a fault.
+
+mod common;
+
+use common::{Baked, Dice, How, bake_to, parameters, scene};
+use std::fs;
+use std::path::Path;
+use vlf::bake::Outcome;
+use vlf::field::read_manifest;
+use vlf::format::container::Codec;
+use vlf::format::manifest::Phase;
+use vlf::pack::pack;
+use vlf::{Parameters, Scene};
+
+/// Digest of the field and bytes of its pack.
+fn bits(field: &Path) -> ([u8; 16], Vec<u8>) {
+    let out = field.with_extension("vlf");
+    pack(field, &out, Codec::Raw, &|_| {}).unwrap();
+    let manifest = read_manifest(field).unwrap().1;
+    assert_eq!(manifest.phase, Phase::Finished);
+    assert_ne!(manifest.digest, [0; 16]);
+    (manifest.digest, fs::read(out).unwrap())
+}
+
+/// A room with a mirror: diffuse and mirror transport, stored maps read again.
+fn room() -> (Scene, Parameters) {
+    let parameters = Parameters { perturbations: vec![2, 1], ..parameters(129, 32, 3) };
+    (scene("cornell_mirror"), parameters)
+}
+
+#[test]
+fn threads_order_and_memory_change_no_bit() {
+    let (scene, parameters) = room();
+    let plain = bits(&Baked::with(&scene, &parameters, &How { threads: 1, ..How::default() }).path);
+    let mut dice = Dice(5);
+    let reversed = (0..129).rev().collect();
+    let ways = [
+        ("2 threads", How::default()),
+        ("5 threads", How { threads: 5, ..How::default() }),
+        ("reversed", How { order: Some(reversed), ..How::default() }),
+        ("shuffled", How { order: Some(dice.shuffled(129)), ..How::default() }),
+        (
+            "shuffled, 1 thread",
+            How { order: Some(dice.shuffled(129)), threads: 1, ..How::default() },
+        ),
+        ("little memory", How { memory: 48 << 20, ..How::default() }),
+        ("much memory", How { memory: 8 << 30, ..How::default() }),
+        ("commits all the time", How { commit_every: 0.0, ..How::default() }),
+    ];
+    for (name, how) in ways {
+        let other = bits(&Baked::with(&scene, &parameters, &how).path);
+        assert_eq!(plain.0, other.0, "{name}: another digest");
+        assert!(plain.1 == other.1, "{name}: another pack");
+    }
+}
+
+#[test]
+fn other_parameters_give_other_bits() {
+    let (scene, parameters) = room();
+    let plain = bits(&Baked::new(&scene, &parameters).path).0;
+    let other = Parameters { perturbations: vec![1], ..parameters.clone() };
+    assert_ne!(plain, bits(&Baked::new(&scene, &other).path).0, "perturbations");
+    let other = Parameters { one_sided: true, cycles: Some(2), ..parameters };
+    assert_ne!(plain, bits(&Baked::new(&scene, &other).path).0, "cycles, sides");
+}
+
+#[test]
+fn a_bake_that_is_stopped_again_and_again_ends_with_the_same_bits() {
+    let (scene, parameters) = room();
+    let plain = bits(&Baked::new(&scene, &parameters).path);
+    let mut dice = Dice(7);
+    for (commit_every, threads) in [(1e9, 2), (0.0, 1)] {
+        let folder = tempfile::TempDir::new().unwrap();
+        let path = folder.path().join("test.field");
+        let mut stops = 0;
+        loop {
+            let stop_after = Some(1 + (dice.next() % 3) as u32);
+            let order = Some(dice.shuffled(129));
+            let how = How { stop_after, threads, order, commit_every, ..How::default() };
+            match bake_to(&path, &scene, &parameters, &how) {
+                Outcome::Finished => break,
+                Outcome::Stopped => stops += 1,
+            }
+        }
+        assert!(stops >= 4, "stopped only {stops} times");
+        let resumed = bits(&path);
+        assert_eq!(plain.0, resumed.0, "after {stops} stops: another digest");
+        assert!(plain.1 == resumed.1, "after {stops} stops: another pack");
+    }
+}
+
+#[test]
+fn a_finished_field_is_not_baked_again() {
+    let (scene, parameters) = room();
+    let baked = Baked::new(&scene, &parameters);
+    let before = fs::read(baked.path.join(vlf::format::names::MANIFEST)).unwrap();
+    let how = How { stop_after: Some(1), ..How::default() };
+    assert_eq!(bake_to(&baked.path, &scene, &parameters, &how), Outcome::Finished);
+    let after = fs::read(baked.path.join(vlf::format::names::MANIFEST)).unwrap();
+    assert!(before == after);
+}

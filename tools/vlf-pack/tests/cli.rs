@@ -1,0 +1,95 @@
+//! `vlf-pack` packs finished fields and replaces nothing but packs.
+
+use assert_cmd::Command;
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use tempfile::TempDir;
+use vlf::bake::{Options, Outcome, bake};
+use vlf::{LightField, Parameters, Scene};
+
+fn field(path: &Path, stop: bool) {
+    let (scene, _) = Scene::bundled("cornell").unwrap();
+    let parameters = Parameters {
+        directions: 33,
+        resolution: 16,
+        tile: 16,
+        cycles: Some(1),
+        unshot_fraction: 1e-3,
+        perturbations: vec![1],
+        texel_cells: 1.0,
+        one_sided: false,
+    };
+    let stop = AtomicBool::new(stop);
+    let options = Options {
+        memory: 1 << 30,
+        threads: 1,
+        stop: &stop,
+        progress: &|_| {},
+        order: None,
+        commit_every: 10.0,
+    };
+    let outcome = bake(&scene, &parameters, path, &options).unwrap();
+    assert_eq!(outcome == Outcome::Finished, !stop.into_inner());
+}
+
+fn vlf_pack(folder: &TempDir, args: &[&str]) -> std::process::Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_vlf-pack"));
+    command.current_dir(folder.path()).args(args).output().unwrap()
+}
+
+#[test]
+fn a_finished_field_becomes_one_file() {
+    let folder = TempDir::new().unwrap();
+    field(&folder.path().join("room.field"), false);
+    for codec in ["raw", "zstd"] {
+        let args = ["room.field", "-o", "room.vlf", "--codec", codec, "--json"];
+        let output = vlf_pack(&folder, &args);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(report["directions"], 33);
+        let length = fs::metadata(folder.path().join("room.vlf")).unwrap().len();
+        assert_eq!(report["bytes"], length);
+        LightField::open(&folder.path().join("room.vlf")).unwrap();
+    }
+}
+
+#[test]
+fn what_is_wrong_is_said_and_nothing_is_overwritten() {
+    let folder = TempDir::new().unwrap();
+    field(&folder.path().join("room.field"), false);
+    field(&folder.path().join("half.field"), true);
+    fs::write(folder.path().join("letter.txt"), "Dear reader").unwrap();
+    fs::create_dir(folder.path().join("photos")).unwrap();
+    fs::write(folder.path().join("photos/one.jpg"), "not ours").unwrap();
+    for (args, code, words) in [
+        (&["half.field", "-o", "out.vlf"][..], 2, &["half.field", "not finished"][..]),
+        (&["gone.field", "-o", "out.vlf"], 3, &["gone.field"]),
+        (&["photos", "-o", "out.vlf"], 3, &["photos"]),
+        (&["room.field", "-o", "letter.txt"], 3, &["letter.txt", "nothing was changed"]),
+        (&["room.field", "-o", "photos"], 3, &["photos", "nothing was changed"]),
+        (&["room.field", "-o", "nowhere/out.vlf"], 3, &["nowhere"]),
+        (&["room.field"], 2, &["--output"]),
+        (&["room.field", "-o", "out.vlf", "--codec", "zip"], 2, &["zip", "zstd"]),
+        (&["room.field", "-o", "out.vlf", "--fast"], 2, &["--fast"]),
+    ] {
+        let output = vlf_pack(&folder, args);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{args:?}: {said}");
+        assert!(output.stdout.is_empty(), "{args:?}");
+        words.iter().for_each(|word| assert!(said.contains(word), "{args:?}: {said}"));
+        assert!(!folder.path().join("out.vlf").exists(), "{args:?}");
+    }
+    assert_eq!(fs::read_to_string(folder.path().join("letter.txt")).unwrap(), "Dear reader");
+    assert_eq!(fs::read_dir(folder.path().join("photos")).unwrap().count(), 1);
+
+    // A field with a damaged map is found out before anything is written.
+    let map = vlf::format::names::tiles(&folder.path().join("room.field"), "total", 7);
+    let mut bytes = fs::read(&map).unwrap();
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    fs::write(&map, bytes).unwrap();
+    let output = vlf_pack(&folder, &["room.field", "-o", "out.vlf"]);
+    assert_eq!(output.status.code(), Some(4));
+    assert!(!folder.path().join("out.vlf").exists());
+}
