@@ -5,6 +5,7 @@
 //! its span is filled. A cell holds a polygon when its middle lies inside; rows and spans are half
 //! open, so that polygons that share an edge share no cell and leave none out. O(fragments).
 
+use crate::format::limits;
 use crate::ids::Sense;
 use crate::psf::Psf;
 use crate::scene::Scene;
@@ -32,8 +33,8 @@ const LIT_ALONG: u64 = 2;
 const LIT_AGAINST: u64 = 4;
 const TEXEL_SHIFT: u32 = 3;
 
-/// Most texels that fragments can name.
-pub const MOST_TEXELS: usize = 1 << (32 - TEXEL_SHIFT);
+const _: () =
+    assert!(limits::TEXELS <= 1 << (32 - TEXEL_SHIFT), "fragments cannot name all texels");
 
 impl Facing {
     fn bits(self) -> u64 {

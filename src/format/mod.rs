@@ -121,7 +121,7 @@ pub mod limits {
     /// Surfaces of a scene.
     pub const SURFACES: u32 = 1 << 24;
     /// Texels of a scene.
-    pub const TEXELS: u64 = 1 << 30;
+    pub const TEXELS: u64 = 1 << 29;
     /// Bytes of one chunk, decoded.
     pub const CHUNK: u64 = 1 << 32;
     /// Bytes of the manifest's record.
