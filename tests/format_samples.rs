@@ -413,7 +413,7 @@ fn sound_samples_say_what_is_expected() {
         texels::from_bytes(&bytes, 2 * layout.len()).unwrap();
     }
     let sums = &contents(&kept["sums"]).1[0].1;
-    assert_eq!(sums.len(), 9 * 16 + (2 * layout.len() + 1) * 32);
+    assert_eq!(sums.len(), 10 * 16 + 2 * layout.len() * 32);
     for name in ["unshot.tiles", "total.tiles"] {
         for (_, bytes) in contents(&kept[name]).1 {
             Layout::check(&bytes, 8, 4, header.surfaces, header.exponent).unwrap();
@@ -612,7 +612,7 @@ fn the_record_is_as_specified() {
         assert_eq!(r.f64(), p.unshot_fraction);
         assert_eq!(r.u64(), 1);
         assert_eq!(r.u32(), p.perturbations[0]);
-        assert_eq!((r.f64(), r.u8()), (p.texel_cells, 0));
+        assert_eq!((r.f64(), r.u32(), r.u8()), (p.texel_cells, p.filter, 0));
         assert_eq!(r.take(16), manifest.scene_hash);
         assert_eq!(r.u32(), manifest.phase as u32);
         assert_eq!(r.u32(), manifest.cycle);

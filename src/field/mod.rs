@@ -288,9 +288,10 @@ impl Field {
         let id = |kind| ChunkId { kind, cycle: generation, direction: NO_DIRECTION };
         let bytes = |values: &[Rgb]| crate::scene::texels::to_bytes(values);
         let (total, current) = (bytes(&textures.total), bytes(&textures.current));
+        // Stored as they are: the field's digest must not depend on a compressor's version.
         let chunks = [
-            (id(ChunkKind::TotalTexture), Codec::Zstd, total.as_slice()),
-            (id(ChunkKind::CurrentTexture), Codec::Zstd, current.as_slice()),
+            (id(ChunkKind::TotalTexture), Codec::Raw, total.as_slice()),
+            (id(ChunkKind::CurrentTexture), Codec::Raw, current.as_slice()),
         ];
         let header = self.header_of(FileKind::Textures, (generation, NO_DIRECTION));
         self.publish(&names::textures(generation), header, &chunks)
