@@ -147,6 +147,7 @@ pub fn bake(
     let budget = cache_budget(&texels, parameters, options)?;
     let most = scene.materials.iter().map(|m| m.emitted.max()).fold(0.0, f32::max);
     let field = Field::create_or_resume(path, scene, parameters, exponent_for(most))?;
+    field.remove_stale()?;
     if field.manifest().phase == Phase::Finished {
         return Ok(Outcome::Finished);
     }
