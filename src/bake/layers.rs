@@ -37,9 +37,8 @@ pub const MOST_TEXELS: usize = 1 << (32 - TEXEL_SHIFT);
 
 impl Facing {
     fn bits(self) -> u64 {
-        u64::from(self.along) * FACES_ALONG
-            | u64::from(self.lit[0]) * LIT_ALONG
-            | u64::from(self.lit[1]) * LIT_AGAINST
+        let bit = |is: bool, bit| if is { bit } else { 0 };
+        bit(self.along, FACES_ALONG) | bit(self.lit[0], LIT_ALONG) | bit(self.lit[1], LIT_AGAINST)
     }
 }
 
@@ -52,7 +51,7 @@ impl Fragment {
     fn with_bits(depth: f32, texel: u32, bits: u64) -> Fragment {
         // With 2 added the depth is positive, and positive floats order as their bits do.
         let key = u64::from((depth + 2.0).to_bits()) << 32;
-        Fragment(key | u64::from(texel) << TEXEL_SHIFT | bits)
+        Fragment(key | (u64::from(texel) << TEXEL_SHIFT) | bits)
     }
 
     /// Depth along the PSF's direction, in the fitted scene's units.

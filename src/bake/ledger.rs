@@ -92,7 +92,7 @@ impl Tally {
         let mut n = [0i128; Tally::NUMBERS];
         for v in &mut n {
             let (low, high) = (r.u64()?, r.u64()?);
-            *v = i128::from(low) | i128::from(high as i64) << 64;
+            *v = i128::from(low) | (i128::from(high as i64) << 64);
         }
         Ok(Tally::from_numbers(n))
     }

@@ -182,7 +182,7 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
     if p.resolution == 0 || p.resolution > limits::RESOLUTION {
         return bad(format!("--resolution {}: 1 to {}", p.resolution, limits::RESOLUTION));
     }
-    if p.tile == 0 || p.tile > limits::TILE || p.resolution % p.tile != 0 {
+    if p.tile == 0 || p.tile > limits::TILE || !p.resolution.is_multiple_of(p.tile) {
         let most = limits::TILE;
         return bad(format!(
             "--tile {}: must divide the resolution {} and be at most {most}",
@@ -195,7 +195,10 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
     if p.cycles.is_some_and(|c| c == 0 || c > MOST_CYCLES) {
         return bad(format!("--cycles: 1 to {MOST_CYCLES}, or auto"));
     }
-    if !(0.1..=100.0).contains(&p.texel_cells) || !(p.unshot_fraction > 0.0) {
+    if !(0.1..=100.0).contains(&p.texel_cells)
+        || p.unshot_fraction.is_nan()
+        || p.unshot_fraction <= 0.0
+    {
         return bad("texel edge or unshot fraction out of range".to_owned());
     }
     Ok(())
