@@ -149,3 +149,97 @@ impl Lookup<'_> {
         entry?.radiance(cell, near.sense)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::tiles::{CoveredCell, Layout, TileMapWriter, exponent_for};
+    use crate::ids::Sense;
+
+    const N: u32 = 32;
+
+    /// A map in which surface 0 covers the cells for which `value` has radiance.
+    fn map(value: impl Fn(u32, u32) -> Option<f32>) -> (Vec<u8>, Layout) {
+        let exponent = exponent_for(4.0);
+        let mut writer = TileMapWriter::new(N, 16, exponent);
+        for tile in 0..4 {
+            let mut cells = Vec::new();
+            for cell in 0..256 {
+                let (i, j) = (tile % 2 * 16 + cell % 16, tile / 2 * 16 + cell / 16);
+                if let Some(v) = value(i, j) {
+                    let radiance = [Rgb::splat(v); 2];
+                    cells.push(CoveredCell { surface: SurfaceId(0), cell, radiance });
+                }
+            }
+            writer.tile(&mut cells);
+        }
+        let bytes = writer.finish();
+        let layout = Layout::check(&bytes, N, 16, 1, exponent).unwrap();
+        (bytes, layout)
+    }
+
+    /// Looks points of a grid direction's PSF up in one map.
+    fn look_up(value: impl Fn(u32, u32) -> Option<f32>, column: f32, row: f32) -> Option<f32> {
+        let directions = Directions::with_lines(33).unwrap();
+        let (bytes, layout) = map(value);
+        let map = TileMap::new(&bytes, &layout);
+        let away = directions.vector(crate::ids::DirectionId(7));
+        let around = Around::new(&directions, N, away, away);
+        let point = around.psfs[0].unproject(column, row, 0.1);
+        let mut only = around;
+        let first = (0..3).max_by(|a, b| around.near[*a].weight.total_cmp(&around.near[*b].weight));
+        let first = first.unwrap();
+        assert!(around.near[first].weight > 0.999 && around.near[first].sense == Sense::Along);
+        only.near.iter_mut().enumerate().for_each(|(k, n)| n.weight = f32::from(k == first));
+        let point = if first == 0 { point } else { only.psfs[first].unproject(column, row, 0.1) };
+        only.radiance(&[Some(map); 3], SurfaceId(0), point).map(|v| v.0[0])
+    }
+
+    #[test]
+    fn between_cells_radiance_is_bilinear_and_at_their_middles_exact() {
+        let plane = |i: u32, j: u32| Some(0.03125 * i as f32 + 0.015625 * j as f32);
+        for (x, y) in [(8.5, 9.5), (8.0, 9.0), (15.75, 16.25), (16.1, 15.9)] {
+            let found = look_up(plane, x, y).unwrap();
+            let expected = 0.03125 * (x - 0.5) + 0.015625 * (y - 0.5);
+            assert!((found - expected).abs() < 1e-3, "({x}, {y}): {found}, not {expected}");
+        }
+    }
+
+    #[test]
+    fn at_a_border_the_cells_that_are_there_count_for_all() {
+        // Covered up to column 10; beyond it the nearest cells, then those a ring farther, then none.
+        let part = |i: u32, _| (i <= 10).then_some(2.0);
+        for x in [10.0, 10.9, 11.4, 12.4] {
+            assert_eq!(look_up(part, x, 8.0), Some(2.0), "{x}");
+        }
+        assert_eq!(look_up(part, 14.0, 8.0), None);
+        assert_eq!(look_up(|_, _| None, 8.0, 8.0), None);
+    }
+
+    #[test]
+    fn directions_behind_a_side_have_no_say() {
+        let directions = Directions::with_lines(129).unwrap();
+        for k in 0..64 {
+            let turn = k as f32 * 0.1;
+            let normal = Vec3::new(turn.sin(), 0.3, turn.cos()).normalize();
+            // Nearly along the surface.
+            let away = (normal.any_orthonormal_vector() + normal * 0.05).normalize();
+            let around = Around::new(&directions, N, away, normal);
+            let total: f32 = around.near.iter().map(|n| n.weight).sum();
+            assert!(total == 0.0 || (total - 1.0).abs() < 1e-5);
+            for n in around.near.iter().filter(|n| n.weight > 0.0) {
+                assert!(directions.vector(n.direction).dot(normal) * n.sense.sign() > 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn mirrored_twice_is_itself_and_both_angles_are_equal() {
+        let normal = Vec3::new(0.2, 0.9, -0.1).normalize();
+        let out = Vec3::new(0.5, 0.4, 0.3).normalize();
+        let back = mirrored(out, normal);
+        assert!((back.dot(normal) - out.dot(normal)).abs() < 1e-6);
+        assert!(mirrored(back, normal).distance(out) < 1e-6);
+        assert!((out + back).normalize().distance(normal) < 1e-6);
+    }
+}

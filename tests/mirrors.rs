@@ -152,11 +152,11 @@ fn a_mirror_shows_what_the_mirrored_eye_sees_through_its_frame() {
 #[test]
 fn a_perfect_mirror_lights_as_the_room_behind_it_would() {
     let glass =
-        Baked::new(&scene_of(&(room(false) + MIRROR), &materials(1.0)), &parameters(129, 64, 9));
+        Baked::new(&scene_of(&(room(false) + MIRROR), &materials(1.0)), &parameters(513, 64, 9));
     let doubled = scene_of(&(room(false) + &room(true)), &materials(1.0));
     // The same cells in the scene's units, as the doubled scene is larger.
     let n = (64.0 * doubled.fit.radius / 3f64.sqrt() / 16.0).round() as u32 * 16;
-    let open = Baked::new(&doubled, &parameters(129, n, 9));
+    let open = Baked::new(&doubled, &parameters(513, n, 9));
     let (glass, open) = (glass.open(), open.open());
     // Light takes a cycle more by way of the mirror: only after many do the two come together.
     for (material, bound) in
@@ -183,7 +183,7 @@ usemtl mirror\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8
             "newmtl receiver\nKd 0.5 0.5 0.5\nillum 1\nnewmtl lamp\nKd 0 0 0\nKe 1 1 1\nillum 1\n\
              newmtl mirror\nKd 0 0 0\nKs {ks} {ks} {ks}\nillum 3\n"
         );
-        let parameters = Parameters { cycles: None, ..parameters(129, 64, 1) };
+        let parameters = Parameters { cycles: None, ..parameters(513, 64, 1) };
         let baked = Baked::new(&scene_of(tube, &mtl), &parameters);
         let field = baked.open();
         // By reciprocity the lamp's images are as many squares at height 2, displaced by (i, j).

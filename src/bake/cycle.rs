@@ -4,9 +4,10 @@
 //! the state of a bake is the committed generation, the sums so far and the set of directions they
 //! hold, and any interruption costs at most the time since the last commit.
 
+use super::cuts::cut_texels;
 use super::layers::{Layers, Outlines};
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
-use super::reach::Reach;
+use super::reach::{Reach, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
 use super::totals;
 use super::transfer::diffuse::{diffuse_factor, next_textures};
@@ -46,6 +47,7 @@ pub struct Bake<'a> {
     pool: rayon::ThreadPool,
     committed: Instant,
     counted: Instant,
+    sealed: Sealed,
 }
 
 /// What ended a loop over directions.
@@ -87,31 +89,32 @@ impl<'a> Bake<'a> {
             pool,
             committed: Instant::now(),
             counted: Instant::now(),
+            sealed: Sealed::default(),
         };
-        let lit = bake.reach();
-        bake.outlines.mark_lit(&lit);
+        bake.sealed = bake.reach();
         Ok(bake)
     }
 
-    /// Which sides light can come to, from one sweep over the lines.
-    fn reach(&self) -> Vec<[bool; 2]> {
+    /// The texture values that no light can come to, from one sweep over the lines.
+    fn reach(&self) -> Sealed {
         let next = AtomicUsize::new(0);
         let shared = self.shared();
-        let surfaces = self.scene.surfaces.len();
+        let values = 2 * self.texels.len();
+        let cut = cut_texels(self.scene, self.texels);
         let swept = self.pool.broadcast(|_| {
-            let mut reach = Reach::new(surfaces);
+            let mut reach = Reach::new(values);
             let mut layers = Layers::default();
             loop {
                 let direction = next.fetch_add(1, Ordering::Relaxed);
                 if direction >= self.directions.len() {
                     return reach;
                 }
-                reach.sweep(&shared, DirectionId(direction as u32), &mut layers);
+                reach.sweep(&shared, &cut, DirectionId(direction as u32), &mut layers);
             }
         });
-        let mut reach = Reach::new(surfaces);
+        let mut reach = Reach::new(values);
         swept.iter().for_each(|s| reach.merge(s));
-        reach.lit(&shared)
+        reach.sealed(&shared, &cut)
     }
 
     /// Runs to the end, or until asked to stop.
@@ -185,8 +188,13 @@ impl<'a> Bake<'a> {
         loop {
             let pages = (has_mirrors && cycle > 0).then(|| self.pages());
             let shared = self.shared();
-            let what =
-                Cycle { number: cycle, current: &current, pages: pages.as_ref(), perturbations };
+            let what = Cycle {
+                number: cycle,
+                current: &current,
+                pages: pages.as_ref(),
+                perturbations,
+                sealed: &self.sealed,
+            };
             let field = &self.field;
             let (done, walk) = self.walk(Phase::Propagating, |direction, worker| {
                 let mut scratch = lock(&workers[worker]);
@@ -342,8 +350,8 @@ impl<'a> Bake<'a> {
         // A whole texel meets lines in proportion to its projected area: pi sr in all.
         let cell = f64::from(2.0 / self.parameters.resolution as f32).powi(2);
         let lines = std::f64::consts::PI / (units.share * cell) * f64::from(perturbations);
-        let what = (self.quantum, lines, &self.parameters);
-        let next = next_textures(self.scene, self.texels, sums, what);
+        let how = (self.parameters.filter, self.parameters.one_sided);
+        let next = next_textures(self.scene, self.texels, sums, (self.quantum, lines), how);
         if let Some(at) = next.iter().position(|v| !v.is_physical()) {
             let surface = self.texels.surface_of[at / 2];
             return Err(BakeError::Radiance { cycle, surface });

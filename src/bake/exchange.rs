@@ -60,13 +60,10 @@ fn order_group(group: &mut [Fragment], solid: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::layers::Facing;
 
     /// Orders fragments given as (depth, texel, faces along) and gives their texels back.
     fn ordered(list: &[(f32, u32, bool)]) -> Vec<u32> {
-        let facing = |along| Facing { along, lit: [true; 2] };
-        let mut fragments: Vec<_> =
-            list.iter().map(|f| Fragment::new(f.0, f.1, facing(f.2))).collect();
+        let mut fragments: Vec<_> = list.iter().map(|f| Fragment::new(f.0, f.1, f.2)).collect();
         fragments.sort();
         order_contacts(&mut fragments);
         fragments.iter().map(|f| f.texel()).collect()

@@ -19,41 +19,15 @@ const EDGE_ON: f32 = 1e-5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Fragment(u64);
 
-/// What a fragment says of its surface besides the texel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Facing {
-    /// Whether the surface's normal points along the direction.
-    pub along: bool,
-    /// Whether light can come to the sides that face along and against the direction.
-    pub lit: [bool; 2],
-}
-
-const FACES_ALONG: u64 = 1;
-const LIT_ALONG: u64 = 2;
-const LIT_AGAINST: u64 = 4;
-const TEXEL_SHIFT: u32 = 3;
-
-const _: () =
-    assert!(limits::TEXELS <= 1 << (32 - TEXEL_SHIFT), "fragments cannot name all texels");
-
-impl Facing {
-    fn bits(self) -> u64 {
-        (u64::from(self.along) * FACES_ALONG)
-            | (u64::from(self.lit[0]) * LIT_ALONG)
-            | (u64::from(self.lit[1]) * LIT_AGAINST)
-    }
-}
+const _: () = assert!(limits::TEXELS <= 1 << 31, "fragments cannot name all texels");
 
 impl Fragment {
-    /// A fragment at a depth in [-1, 1].
-    pub fn new(depth: f32, texel: u32, facing: Facing) -> Fragment {
-        Fragment::with_bits(depth, texel, facing.bits())
-    }
-
-    fn with_bits(depth: f32, texel: u32, bits: u64) -> Fragment {
+    /// A fragment at a depth in [-1, 1]; `faces_along` says whether the surface's normal points along
+    /// the direction.
+    pub fn new(depth: f32, texel: u32, faces_along: bool) -> Fragment {
         // With 2 added the depth is positive, and positive floats order as their bits do.
         let key = u64::from((depth + 2.0).to_bits()) << 32;
-        Fragment(key | u64::from(texel) << TEXEL_SHIFT | bits)
+        Fragment(key | u64::from((texel << 1) | u32::from(faces_along)))
     }
 
     /// Depth along the PSF's direction, in the fitted scene's units.
@@ -63,22 +37,12 @@ impl Fragment {
 
     /// The texel it lies in; of a mirror, the mirror's own number.
     pub fn texel(self) -> u32 {
-        self.0 as u32 >> TEXEL_SHIFT
+        self.0 as u32 >> 1
     }
 
     /// Whether the surface's normal points along the direction.
     pub fn faces_along(self) -> bool {
-        self.0 & FACES_ALONG != 0
-    }
-
-    /// Whether light can come to the side that faces along the direction.
-    pub fn lit_along(self) -> bool {
-        self.0 & LIT_ALONG != 0
-    }
-
-    /// Whether light can come to the side that faces against the direction.
-    pub fn lit_against(self) -> bool {
-        self.0 & LIT_AGAINST != 0
+        self.0 & 1 == 1
     }
 
     /// The texture value of the side that faces one way.
@@ -119,15 +83,6 @@ struct Plane {
     width: u32,
     height: u32,
     polygons: (u32, u32),
-    /// Whether light can come to the front and the back.
-    lit: [bool; 2],
-}
-
-impl Plane {
-    fn facing(&self, along: bool) -> Facing {
-        let [front, back] = self.lit;
-        Facing { along, lit: if along { [front, back] } else { [back, front] } }
-    }
 }
 
 struct Outline {
@@ -155,15 +110,9 @@ impl Outlines {
                 width: lattice.width,
                 height: lattice.height,
                 polygons: (from, out.polygons.len() as u32),
-                lit: [true; 2],
             });
         }
         out
-    }
-
-    /// Lets fragments say which sides light can come to; until then all are taken to be lit.
-    pub fn mark_lit(&mut self, lit: &[[bool; 2]]) {
-        self.surfaces.iter_mut().zip(lit).for_each(|(plane, lit)| plane.lit = *lit);
     }
 }
 
@@ -184,7 +133,7 @@ struct Gradients {
     last_row: f32,
     first: u32,
     width: u32,
-    facing: u64,
+    faces_along: bool,
 }
 
 impl Gradients {
@@ -216,7 +165,7 @@ impl Gradients {
             last_row: (plane.height - 1) as f32,
             first: plane.first,
             width: plane.width,
-            facing: plane.facing(cosine > 0.0).bits(),
+            faces_along: cosine > 0.0,
         })
     }
 }
@@ -342,7 +291,7 @@ impl Layers {
                 let r = (row + x * g.row.per_column).clamp(0.0, g.last_row) as u32;
                 *slot -= 1;
                 self.fragments[*slot as usize] =
-                    Fragment::with_bits(z, g.first + r * g.width + c, g.facing);
+                    Fragment::new(z, g.first + r * g.width + c, g.faces_along);
             }
         }
     }

@@ -96,7 +96,7 @@ impl Tally {
         let mut n = [0i128; Tally::NUMBERS];
         for v in &mut n {
             let (low, high) = (r.u64()?, r.u64()?);
-            *v = i128::from(low) | i128::from(high as i64) << 64;
+            *v = i128::from(low) | (i128::from(high as i64) << 64);
         }
         Ok(Tally::from_numbers(n))
     }
@@ -205,5 +205,67 @@ pub fn account(
         sampling: diffuse_in - p(tally.shot_diffuse) + reflected - diffuse_out + p(tally.mirrored)
             - true_lines,
         quantised: true_lines - stored,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tally() -> Tally {
+        Tally {
+            shot_diffuse: 1 << 100,
+            shot_mirror: -7,
+            left: 19,
+            to_mirror: i128::MAX / 4,
+            mirrored: 5,
+            mirrored_true: -(1 << 90),
+            stored: 3,
+            fragments: 11,
+            gathers: 13,
+            holes: 17,
+        }
+    }
+
+    #[test]
+    fn a_tally_survives_a_checkpoint_and_adds_up() {
+        let mut w = Writer(Vec::new());
+        tally().write(&mut w);
+        let mut r = Reader::new(&w.0);
+        assert_eq!(Tally::read(&mut r).unwrap(), tally());
+        r.end().unwrap();
+        assert!(Tally::read(&mut Reader::new(&w.0[1..])).is_err());
+        let mut sum = tally();
+        sum.add(&tally());
+        assert_eq!((sum.shot_diffuse, sum.mirrored_true), (1 << 101, -(1 << 91)));
+        assert_eq!((sum.fragments, sum.gathers, sum.holes), (22, 26, 34));
+    }
+
+    /// 12 units leave a diffuse surface: 6 arrive at one of reflectance 1/2, 4 at a mirror of 3/4, 2
+    /// leave. A unit that is lost on the way shows as the residual.
+    #[test]
+    fn the_account_closes_and_shows_a_loss() {
+        let quantum = Quantum::new(1.0);
+        let units = Units { quantum, share: 1.0, cell: 3.0, perturbations: 1 };
+        let watt = quantum.unit();
+        let mut tally = Tally { shot_diffuse: 12, to_mirror: 4, mirrored: 3, ..Tally::default() };
+        tally.left = 2;
+        (tally.mirrored_true, tally.stored) = (3, 3);
+        let received = Received { arrived: 6, reflected: 3.0 };
+        let powers = (12.0 * watt, 0.0, 3.0 * watt);
+        let l = account(0, &units, &tally, &received, powers);
+        assert!(l.residual().abs() < 1e-12);
+        assert_eq!([l.absorbed, l.left, l.unshot()].map(|p| (p / watt).round()), [4.0, 2.0, 6.0]);
+        assert_eq!((l.sampling, l.holes, l.quantised), (0.0, 0.0, 0.0));
+        tally.left = 1;
+        let l = account(0, &units, &tally, &received, powers);
+        assert!((l.residual() - 1.0 / 12.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn only_texels_that_few_lines_struck_are_taken_to_be_covered() {
+        // 10 lines a unit of area; sides with 0, 5, 8 and 12 lines.
+        let sums: Vec<Fixed> = [0, 5, 8, 12].map(|n| [0, 0, 0, n]).to_vec();
+        assert_eq!(open_areas(&[1.0, 1.0], &sums, 10.0), [0.0, 0.5, 1.0, 1.0]);
     }
 }

@@ -1,7 +1,7 @@
 //! Act one, made: light is propagated through the field (section 4).
 //!
 //! In: a [`Scene`] and [`Parameters`]. Out: a field directory. The stages, in the data's order:
-//! [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels), [`reach`] (which sides light can come to),
+//! [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels), [`reach`] (where no light can come),
 //! [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
 //! [`totals`] (the last sweep).
 
@@ -10,6 +10,8 @@ pub mod layers;
 pub mod exchange;
 
 pub mod perturb;
+
+pub mod cuts;
 
 pub mod reach;
 
@@ -154,6 +156,7 @@ pub fn bake(
     let budget = cache_budget(&texels, parameters, options)?;
     let most = scene.materials.iter().map(|m| m.emitted.max()).fold(0.0, f32::max);
     let field = Field::create_or_resume(path, scene, parameters, exponent_for(most))?;
+    field.remove_stale()?;
     if field.manifest().phase == Phase::Finished {
         return Ok(Outcome::Finished);
     }

@@ -32,3 +32,26 @@ pub fn psf(directions: &Directions, id: DirectionId, number: u32, resolution: u3
     let unit = directions.perturbed(id, DVec2::new(turn.x, turn.y));
     Psf::new(unit, resolution).shifted(Vec2::new(shift.x as f32, shift.y as f32))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn perturbed_grids_stay_near_their_direction_and_differ() {
+        let directions = Directions::with_lines(129).unwrap();
+        for id in (0..129).map(DirectionId) {
+            let own = directions.vector(id);
+            let plain = psf(&directions, id, 0, 64);
+            assert_eq!(plain, Psf::new(own, 64));
+            let all: Vec<Psf> = (0..16).map(|n| psf(&directions, id, n, 64)).collect();
+            for (n, p) in all.iter().enumerate() {
+                assert!((p.direction.length() - 1.0).abs() < 1e-5);
+                // 129 lines are about 13 degrees apart.
+                assert!(p.direction.dot(own) > 0.93, "{id:?}, {n}: {}", p.direction.dot(own));
+                assert!(p.shift.abs().max_element() <= 0.5);
+                assert!(all[..n].iter().all(|other| other != p), "{id:?}: {n} is not new");
+            }
+        }
+    }
+}

@@ -8,6 +8,7 @@ use super::exchange;
 use super::layers::{Fragment, Layers, Outlines};
 use super::ledger::{Tally, channels};
 use super::perturb;
+use super::reach::Sealed;
 use super::transfer::specular::MirrorSender;
 use super::transfer::{Fixed, Quantum, add};
 use crate::directions::Directions;
@@ -58,6 +59,8 @@ pub struct Cycle<'a> {
     pub pages: Option<&'a Pages<'a>>,
     /// PSFs each direction stands for.
     pub perturbations: u32,
+    /// Texture values that no light can come to.
+    pub sealed: &'a Sealed,
 }
 
 impl Cycle<'_> {
@@ -254,7 +257,7 @@ impl Line<'_> {
         let diffuse = self.shared.texels.diffuse;
         let fragments = scratch.layers.cell(cell.i, cell.j);
         exchange::order_contacts(fragments);
-        let outside = self.cycle.outside();
+        let (outside, sealed) = (self.cycle.outside(), self.cycle.sealed);
         let is_diffuse = |f: &Fragment| f.texel() < diffuse;
         let has_mirrors = !fragments.iter().all(is_diffuse);
         if has_mirrors {
@@ -265,17 +268,17 @@ impl Line<'_> {
         }
         let (Some(first), Some(last)) = (fragments.first(), fragments.last()) else { return };
         let pairs = &mut scratch.pairs;
-        if first.lit_against() && is_diffuse(first) {
+        if is_diffuse(first) && !sealed.has(first.value_against()) {
             pairs.push([outside, first.value_against() as u32]);
         }
         for pair in fragments.windows(2) {
             let (near, far) = (pair[0], pair[1]);
             let diffuse = !has_mirrors || (is_diffuse(&near) && is_diffuse(&far));
-            if diffuse && is_open(near, far) {
+            if diffuse && is_open(near, far, sealed) {
                 pairs.push([near.value_along() as u32, far.value_against() as u32]);
             }
         }
-        if last.lit_along() && is_diffuse(last) {
+        if is_diffuse(last) && !sealed.has(last.value_along()) {
             pairs.push([last.value_along() as u32, outside]);
         }
         if has_mirrors {
@@ -302,17 +305,17 @@ impl Line<'_> {
 
     /// The pairs of a line of which at least one is a mirror.
     fn exchange_with_mirrors<const SHARES: i64>(&mut self, cell: Cell, scratch: &mut Scratch) {
-        let count = scratch.line.len();
+        let (count, sealed) = (scratch.line.len(), self.cycle.sealed);
         let is_mirror = |f: Fragment| f.texel() >= self.shared.texels.diffuse;
         for gap in 0..=count {
             let near = gap.checked_sub(1).map(|k| (k, scratch.line[k]));
             let far = (gap < count).then(|| (gap, scratch.line[gap]));
             let open = match (near, far) {
                 (Some((_, near)), Some((_, far))) => {
-                    (is_mirror(near) || is_mirror(far)) && is_open(near, far)
+                    (is_mirror(near) || is_mirror(far)) && is_open(near, far, sealed)
                 }
-                (Some((_, near)), None) => is_mirror(near) && near.lit_along(),
-                (None, Some((_, far))) => is_mirror(far) && far.lit_against(),
+                (Some((_, near)), None) => is_mirror(near) && !sealed.has(near.value_along()),
+                (None, Some((_, far))) => is_mirror(far) && !sealed.has(far.value_against()),
                 (None, None) => false,
             };
             if !open {
@@ -420,8 +423,10 @@ impl Line<'_> {
 }
 
 /// Whether light can pass between two neighbours on a line.
-fn is_open(near: Fragment, far: Fragment) -> bool {
-    (near.lit_along() || far.lit_against()) && exchange::see_each_other(near, far)
+fn is_open(near: Fragment, far: Fragment, sealed: &Sealed) -> bool {
+    !sealed.has(near.value_along())
+        && !sealed.has(far.value_against())
+        && exchange::see_each_other(near, far)
 }
 
 /// Keeps what arrived at the mirrors of a cell for the tile's map.

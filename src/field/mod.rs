@@ -376,6 +376,22 @@ impl Field {
         Ok(())
     }
 
+    /// Removes what a run that was killed right after a commit did not come to remove.
+    ///
+    /// # Errors
+    /// Of the system.
+    pub fn remove_stale(&self) -> Result<(), FieldError> {
+        let Manifest { cycle, phase, has_sums, .. } = self.manifest;
+        if cycle > 0 {
+            self.remove_maps(cycle - 1)?;
+            self.remove_textures(cycle - 1)?;
+        }
+        if phase == Phase::Finished {
+            self.remove_maps(cycle)?;
+        }
+        if has_sums { Ok(()) } else { self.remove_sums() }
+    }
+
     /// Removes the files of sums.
     ///
     /// # Errors
@@ -454,4 +470,116 @@ pub fn read_chunk(
     let directory = container::open(&path.display().to_string(), &bytes, file)?;
     let chunk = || directory.chunk(&bytes, directory.find(kind, direction)?);
     Ok(chunk().map_err(|f| f.in_file(path.display()))?.into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::tiles::exponent_for;
+    use tempfile::TempDir;
+
+    fn parameters() -> Parameters {
+        Parameters {
+            directions: 9,
+            resolution: 16,
+            tile: 16,
+            cycles: Some(1),
+            unshot_fraction: 1e-3,
+            perturbations: vec![1],
+            texel_cells: 1.0,
+            filter: 0,
+            one_sided: false,
+        }
+    }
+
+    fn create(path: &Path, parameters: &Parameters) -> Result<Field, FieldError> {
+        let (scene, _) = Scene::bundled("cornell").unwrap();
+        Field::create_or_resume(path, &scene, parameters, exponent_for(1.0))
+    }
+
+    #[test]
+    fn what_is_not_committed_is_not_there_after_a_crash() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("a.field");
+        let mut field = create(&path, &parameters()).unwrap();
+        let sums = |field: &Field| field.read_sums().unwrap();
+        field.write_sums(b"first").unwrap();
+        field.manifest_mut().mark_done(3);
+        field.commit().unwrap();
+        // Written and never committed: the next commit's sums are under the other name.
+        field.write_sums(b"second").unwrap();
+        field.manifest_mut().mark_done(4);
+        drop(field);
+        let mut field = create(&path, &parameters()).unwrap();
+        assert_eq!(sums(&field), b"first");
+        assert!(field.manifest().is_done(3) && !field.manifest().is_done(4));
+        field.write_sums(b"third").unwrap();
+        field.commit().unwrap();
+        assert_eq!(sums(&field), b"third");
+    }
+
+    #[test]
+    fn a_folder_is_there_whole_or_not_at_all() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("a.field");
+        let field = create(&path, &parameters()).unwrap();
+        field.begin_folder("unshot-0001").unwrap();
+        field.write_tiles("unshot-0001", (1, 5), &[(ChunkKind::Unshot, b"x")]).unwrap();
+        assert!(!path.join("unshot-0001").exists());
+        field.publish_folder("unshot-0001").unwrap();
+        let file = names::tiles(&path, "unshot-0001", 5);
+        let chunk = read_chunk(&file, FileKind::Tiles, ChunkKind::Unshot, 5).unwrap();
+        assert_eq!(chunk, b"x");
+        // Killed before its commit, a run publishes it again, or goes on writing into it.
+        field.publish_folder("unshot-0001").unwrap();
+        field.begin_folder("unshot-0001").unwrap();
+        assert!(!path.join("unshot-0001").exists());
+        field.publish_folder("unshot-0001").unwrap();
+        assert!(file.is_file());
+    }
+
+    #[test]
+    fn leftovers_of_a_killed_run_go_and_what_is_needed_stays() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("a.field");
+        let mut field = create(&path, &parameters()).unwrap();
+        for generation in [1, 2] {
+            field.begin_folder(&names::generation(generation)).unwrap();
+            field.publish_folder(&names::generation(generation)).unwrap();
+            let maps = Textures { total: vec![Rgb::BLACK], current: vec![Rgb::BLACK] };
+            field.write_textures(generation, &maps).unwrap();
+        }
+        let there = || {
+            let all = [1, 2].map(|g| [names::generation(g), names::textures(g)]).concat();
+            all.iter().map(|n| path.join(n).exists()).collect::<Vec<_>>()
+        };
+        field.manifest_mut().cycle = 2;
+        field.commit().unwrap();
+        field.remove_stale().unwrap();
+        assert_eq!(there(), [false, false, true, true]);
+        field.manifest_mut().phase = Phase::Finished;
+        field.commit().unwrap();
+        field.remove_stale().unwrap();
+        assert_eq!(there(), [false, false, false, true]);
+        assert_eq!(field.read_textures(2, 1).unwrap().total, [Rgb::BLACK]);
+        assert!(field.read_textures(2, 2).is_err());
+    }
+
+    #[test]
+    fn one_writer_one_bake_and_nothing_of_others() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("a.field");
+        let first = create(&path, &parameters()).unwrap();
+        assert!(matches!(create(&path, &parameters()), Err(FieldError::Locked(_))));
+        drop(first);
+        let other = Parameters { tile: 8, ..parameters() };
+        let Err(FieldError::Identity { what, .. }) = create(&path, &other) else { panic!() };
+        assert_eq!(what, "tile 16, not 8");
+        create(&path, &parameters()).unwrap();
+        let theirs = folder.path().join("theirs");
+        fs::create_dir(&theirs).unwrap();
+        fs::write(theirs.join("letter"), "Dear reader").unwrap();
+        assert!(matches!(create(&theirs, &parameters()), Err(FieldError::Foreign(_))));
+        assert_eq!(fs::read_dir(&theirs).unwrap().count(), 1);
+    }
 }

@@ -153,17 +153,28 @@ impl Visible {
         (back, if back { u32::MAX - surface } else { surface })
     }
 
-    /// Whether an eye sees nothing but back sides all around, as one inside a closed solid does.
+    /// Whether an eye sees nothing but back sides all around, as one inside a closed solid does. Where
+    /// the solid touches another surface (a box on a floor) its back counts and not that one's front,
+    /// as long as it is not so all around, as in a room whose walls are all drawn from both sides.
     pub fn inside_a_solid(&self, eye: Vec3) -> bool {
         const RAYS: usize = 48;
         let golden = std::f32::consts::PI * (3.0 - 5f32.sqrt());
-        (0..RAYS).all(|i| {
+        let mut contacts = 0;
+        let enclosed = (0..RAYS).all(|i| {
             let z = 1.0 - (2.0 * i as f32 + 1.0) / RAYS as f32;
             let (sin, cos) = (golden * i as f32).sin_cos();
             let r = (1.0 - z * z).sqrt();
-            let hit = self.nearest(eye, Vec3::new(r * cos, r * sin, z), 0.0);
-            hit.is_some_and(|h| h.side == Side::Back)
-        })
+            let dir = Vec3::new(r * cos, r * sin, z);
+            let Some(hit) = self.nearest(eye, dir, 0.0) else { return false };
+            if hit.side == Side::Back {
+                return true;
+            }
+            contacts += 1;
+            let other = self.nearest_but(eye, dir, 0.0, Some(hit.surface));
+            let touches = |o: &Hit| o.distance - hit.distance < 2.0 * TOUCHING;
+            other.is_some_and(|o| o.side == Side::Back && touches(&o))
+        });
+        enclosed && contacts < RAYS
     }
 
     /// The surface that an eye lies on, to within [`TOUCHING`]. Looks at every triangle once.
@@ -339,6 +350,17 @@ mod tests {
         let visible = Visible::new(&solid);
         assert!(visible.inside_a_solid(Vec3::ZERO));
         assert!(!visible.inside_a_solid(Vec3::X * 0.9));
+
+        // The block stands on a floor; the room's walls are drawn from both sides.
+        let mut on_floor = solid.clone();
+        let floor = quad(0, Vec3::new(-0.9, -0.5, -0.9), Vec3::Z * 1.8, Vec3::X * 1.8);
+        on_floor.surfaces.push(floor);
+        let visible = Visible::new(&on_floor);
+        assert!(visible.inside_a_solid(Vec3::ZERO));
+        assert!(!visible.inside_a_solid(Vec3::X * 0.7));
+        let mut both = room();
+        both.surfaces.extend(solid.surfaces);
+        assert!(!Visible::new(&both).inside_a_solid(Vec3::ZERO));
     }
 
     #[test]

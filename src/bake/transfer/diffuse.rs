@@ -6,7 +6,6 @@
 //! exact (a furnace stays a furnace), however few they are.
 
 use super::{Fixed, Quantum};
-use crate::format::manifest::Parameters;
 use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -17,22 +16,23 @@ use crate::scene::texels::{Lattice, Texels};
 const FAITHFUL: f32 = 0.25;
 
 /// P^N from the sums of a cycle, two values a texel, W sr^-1 m^-2. `lines` is what a whole texel of
-/// unit area would have in the fourth channel of its sum.
+/// unit area would have in the fourth channel of its sum; `filter` is the number of passes of the filter.
 pub fn next_textures(
     scene: &Scene,
     texels: &Texels,
     sums: &[Fixed],
-    (quantum, lines, parameters): (Quantum, f64, &Parameters),
+    (quantum, lines): (Quantum, f64),
+    (filter, one_sided): (u32, bool),
 ) -> Vec<Rgb> {
     let mut next = vec![Rgb::BLACK; 2 * texels.len()];
     for id in scene.surface_ids() {
         let lattice = &texels.lattices[id.index()];
-        let sides = if parameters.one_sided { 1 } else { 2 };
+        let sides = if one_sided { 1 } else { 2 };
         for side in 0..sides {
             let rho = diffuse_factor(scene, id);
             let per_texel = 1.0 / f64::from(lattice.density.x * lattice.density.y);
             let expected = (lines * per_texel) as f32;
-            let filtered = Filtered::new(lattice, side, sums, quantum, parameters.filter);
+            let filtered = Filtered::new(lattice, side, sums, quantum, filter);
             if rho.is_black() || !one_side(lattice, side, &filtered, expected, &mut next) {
                 continue;
             }
@@ -207,4 +207,49 @@ fn neighbours(lattice: &Lattice, texel: usize) -> impl Iterator<Item = usize> {
         (column.saturating_sub(1)..(column + 2).min(width)).map(move |c| first + r * width + c)
     })
     .filter(move |other| *other != texel)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The floor of the Cornell box with lines of radiance 2 on some of its texels.
+    fn floor(lines: impl Fn(u32, u32) -> i64) -> (Rgb, Lattice, Vec<Rgb>) {
+        let (scene, _) = Scene::bundled("cornell").unwrap();
+        let texels = Texels::new(&scene, 0.1);
+        let quantum = Quantum::new(2.0);
+        let lattice = texels.lattices[0];
+        let mut sums: Vec<Fixed> = vec![[0; 4]; 2 * texels.len() + 1];
+        let line = quantum.fixed(Rgb::splat(2.0));
+        for texel in texel_range(&lattice) {
+            let at = texel as u32 - lattice.first;
+            for _ in 0..lines(at % lattice.width, at / lattice.width) {
+                crate::bake::transfer::add::<3>(&mut sums[2 * texel], &line);
+            }
+        }
+        let next = next_textures(&scene, &texels, &sums, (quantum, 3000.0), (0, false));
+        (diffuse_factor(&scene, SurfaceId(0)), lattice, next)
+    }
+
+    /// Self-normalised: however many lines strike a texel, few or none, equal radiance stays equal.
+    #[test]
+    fn equal_radiance_stays_equal_whatever_the_number_of_lines() {
+        let (rho, lattice, next) = floor(|column, row| match (column, row) {
+            (2..5, 2..5) => 0,
+            _ => i64::from((column * 7 + row * 13) % 11),
+        });
+        assert!(lattice.width > 5 && lattice.height > 5);
+        for texel in texel_range(&lattice) {
+            for c in 0..3 {
+                assert!((next[2 * texel].0[c] - 2.0 * rho.0[c]).abs() < 1e-5, "{texel}");
+            }
+            assert_eq!(next[2 * texel + 1], Rgb::BLACK, "the side that nothing struck");
+        }
+    }
+
+    #[test]
+    fn a_surface_that_no_line_struck_is_black() {
+        let (_, _, next) = floor(|_, _| 0);
+        assert!(next.iter().all(|v| v.is_black()));
+    }
 }

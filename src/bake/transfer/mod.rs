@@ -49,3 +49,32 @@ pub fn add<const SHARES: i64>(sum: &mut Fixed, line: &Fixed) {
         *s += l * SHARES;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fixed_point_keeps_radiance_to_a_part_in_a_billion_of_the_brightest() {
+        for most in [1e-6, 1.0, 220.0, 1e9] {
+            let quantum = Quantum::new(most);
+            for part in [0.0, 1e-6, 0.1, 0.333, 1.0] {
+                let value = part * most;
+                let back = quantum.radiance(quantum.fixed(Rgb([value, most, 0.0]))).0;
+                assert!((back[0] - value).abs() <= 1e-7 * value + 2e-9 * most, "{back:?}");
+                assert_eq!(back[2], 0.0);
+            }
+            // A texel that all lines of a final bake strike does not overflow.
+            let line = quantum.fixed(Rgb::splat(most));
+            assert!(line[0].checked_mul(3 << 24).is_some());
+        }
+    }
+
+    #[test]
+    fn shares_count_lines_as_well_as_radiance() {
+        let mut sum = [0; 4];
+        add::<3>(&mut sum, &[1, 2, 3, 1]);
+        add::<2>(&mut sum, &[10, 20, 30, 1]);
+        assert_eq!(sum, [23, 46, 69, 5]);
+    }
+}

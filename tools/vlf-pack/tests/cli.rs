@@ -86,8 +86,8 @@ fn what_is_wrong_is_said_and_nothing_is_overwritten() {
     // A field with a damaged map is found out before anything is written.
     let map = vlf::format::names::tiles(&folder.path().join("room.field"), "total", 7);
     let mut bytes = fs::read(&map).unwrap();
-    let last = bytes.len() - 1;
-    bytes[last] ^= 1;
+    let chunk = vlf::field::read_directory(&map).unwrap().entries[0];
+    bytes[(chunk.offset + chunk.stored / 2) as usize] ^= 1;
     fs::write(&map, bytes).unwrap();
     let output = vlf_pack(&folder, &["room.field", "-o", "out.vlf"]);
     assert_eq!(output.status.code(), Some(4));
