@@ -7,7 +7,7 @@
 use super::cuts::cut_texels;
 use super::layers::{Layers, Outlines};
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
-use super::reach::{Reach, Sealed};
+use super::reach::{CutViews, Reach, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
 use super::totals;
 use super::transfer::diffuse::{diffuse_factor, next_textures};
@@ -95,26 +95,47 @@ impl<'a> Bake<'a> {
         Ok(bake)
     }
 
-    /// The texture values that no light can come to, from one sweep over the lines.
+    /// The texture values that no light can come to, from two sweeps over the lines.
     fn reach(&self) -> Sealed {
-        let next = AtomicUsize::new(0);
         let shared = self.shared();
         let values = 2 * self.texels.len();
         let cut = cut_texels(self.scene, self.texels);
-        let swept = self.pool.broadcast(|_| {
-            let mut reach = Reach::new(values);
-            let mut layers = Layers::default();
+        let reach = self.sweep(
+            || Reach::new(values),
+            |reach, id, layers| reach.sweep(&shared, &cut, id, layers),
+            |all, one| all.merge(&one),
+        );
+        let mut sealed = reach.sealed(&shared, &cut);
+        let views = self.sweep(
+            || CutViews::new(values),
+            |views, id, layers| views.sweep(&shared, (&cut, &sealed), id, layers),
+            |all, one| all.merge(&one),
+        );
+        views.seal(&mut sealed);
+        sealed
+    }
+
+    /// Lets every thread look along directions until none is left, then merges what they found.
+    fn sweep<T: Send>(
+        &self,
+        new: impl Fn() -> T + Sync,
+        look: impl Fn(&mut T, DirectionId, &mut Layers) + Sync,
+        merge: impl Fn(&mut T, T),
+    ) -> T {
+        let next = AtomicUsize::new(0);
+        let found = self.pool.broadcast(|_| {
+            let (mut own, mut layers) = (new(), Layers::default());
             loop {
                 let direction = next.fetch_add(1, Ordering::Relaxed);
                 if direction >= self.directions.len() {
-                    return reach;
+                    return own;
                 }
-                reach.sweep(&shared, &cut, DirectionId(direction as u32), &mut layers);
+                look(&mut own, DirectionId(direction as u32), &mut layers);
             }
         });
-        let mut reach = Reach::new(values);
-        swept.iter().for_each(|s| reach.merge(s));
-        reach.sealed(&shared, &cut)
+        let mut all = new();
+        found.into_iter().for_each(|own| merge(&mut all, own));
+        all
     }
 
     /// Runs to the end, or until asked to stop.

@@ -6,9 +6,9 @@
 //! box's wall stands is then not darkened by what it sees inside the box.
 //!
 //! Values (a texel's side) that exchange light are joined into sets by union and find, in one sweep
-//! over the lines; cut texels, which see two spaces, join nothing. A set is sealed when no emitter is in
-//! it and backs are at one end at least of each of its pairs, as inside solids. Cut texels are never
-//! sealed.
+//! over the lines; cut texels, which see two spaces, join nothing. A set is sealed when no emitter lights it
+//! and backs are at one end at least of each of its pairs, as inside solids. A cut texel is sealed when
+//! a second sweep finds it to see sealed ones only.
 
 use super::exchange;
 use super::layers::Layers;
@@ -22,6 +22,78 @@ pub struct Reach {
     parent: Vec<u32>,
     /// Values that were joined front to front.
     open: Vec<bool>,
+}
+
+/// Calls `visit` with the texture values that look at each other along the lines of a direction.
+fn pairs(
+    shared: &Shared,
+    id: DirectionId,
+    layers: &mut Layers,
+    mut visit: impl FnMut(usize, usize),
+) {
+    let resolution = shared.parameters.resolution;
+    let psf = Psf::new(shared.directions.vector(id), resolution);
+    layers.rasterise(shared.outlines, &psf);
+    for j in 0..resolution {
+        for i in 0..resolution {
+            let fragments = layers.cell(i, j);
+            exchange::order_contacts(fragments);
+            for pair in fragments.windows(2) {
+                if exchange::see_each_other(pair[0], pair[1]) {
+                    visit(pair[0].value_along(), pair[1].value_against());
+                }
+            }
+        }
+    }
+}
+
+/// What the cut values see: a second sweep, since most of them lie along one space only.
+#[derive(Clone, Debug)]
+pub struct CutViews {
+    sees_sealed: Vec<bool>,
+    sees_open: Vec<bool>,
+}
+
+impl CutViews {
+    /// Nothing seen yet.
+    pub fn new(values: usize) -> CutViews {
+        CutViews { sees_sealed: vec![false; values], sees_open: vec![false; values] }
+    }
+
+    /// Notes what cut values see of others along the lines of a direction.
+    pub fn sweep(
+        &mut self,
+        shared: &Shared,
+        (cut, sealed): (&[bool], &Sealed),
+        id: DirectionId,
+        layers: &mut Layers,
+    ) {
+        pairs(shared, id, layers, |a, b| {
+            for (viewer, seen) in [(a, b), (b, a)] {
+                if cut[viewer / 2] && !cut[seen / 2] {
+                    let is_sealed = sealed.has(seen);
+                    self.sees_sealed[viewer] |= is_sealed;
+                    self.sees_open[viewer] |= !is_sealed;
+                }
+            }
+        });
+    }
+
+    /// Adds what another sweep saw.
+    pub fn merge(&mut self, other: &CutViews) {
+        let or = |a: &mut [bool], b: &[bool]| a.iter_mut().zip(b).for_each(|(a, b)| *a |= b);
+        or(&mut self.sees_sealed, &other.sees_sealed);
+        or(&mut self.sees_open, &other.sees_open);
+    }
+
+    /// Seals the cut values that see sealed ones only.
+    pub fn seal(&self, sealed: &mut Sealed) {
+        for value in 0..self.sees_sealed.len() {
+            if self.sees_sealed[value] && !self.sees_open[value] {
+                sealed.0[value / 64] |= 1 << (value % 64);
+            }
+        }
+    }
 }
 
 /// Which texture values no light can come to, one bit each.
@@ -65,46 +137,42 @@ impl Reach {
 
     /// Joins the values that look at each other along the lines of a direction.
     pub fn sweep(&mut self, shared: &Shared, cut: &[bool], id: DirectionId, layers: &mut Layers) {
-        let resolution = shared.parameters.resolution;
-        let psf = Psf::new(shared.directions.vector(id), resolution);
-        layers.rasterise(shared.outlines, &psf);
-        for j in 0..resolution {
-            for i in 0..resolution {
-                let fragments = layers.cell(i, j);
-                exchange::order_contacts(fragments);
-                for pair in fragments.windows(2) {
-                    let (near, far) = (pair[0], pair[1]);
-                    let is_cut = cut[near.texel() as usize] || cut[far.texel() as usize];
-                    if is_cut || !exchange::see_each_other(near, far) {
-                        continue;
-                    }
-                    let (a, b) = (near.value_along() as u32, far.value_against() as u32);
-                    self.join(a, b);
-                    // Even values are fronts.
-                    self.open[a as usize] |= a % 2 == 0 && b % 2 == 0;
-                }
+        pairs(shared, id, layers, |a, b| {
+            if !cut[a / 2] && !cut[b / 2] {
+                self.join(a as u32, b as u32);
+                // Even values are fronts.
+                self.open[a] |= a % 2 == 0 && b % 2 == 0;
             }
-        }
+        });
     }
 
     /// The values that no light can come to.
     pub fn sealed(mut self, shared: &Shared, cut: &[bool]) -> Sealed {
         let values = self.parent.len();
+        let roots: Vec<usize> = (0..values as u32).map(|v| self.root(v) as usize).collect();
+        let surface_of = |value: usize| shared.texels.surface_of[value / 2] as usize;
         let mut lit = vec![false; values];
         let mut alone = vec![true; values];
-        for value in 0..values as u32 {
-            let root = self.root(value) as usize;
-            let surface = SurfaceId(shared.texels.surface_of[value as usize / 2]);
-            let emits = value % 2 == 0 && !shared.scene.material_of(surface).emitted.is_black();
-            lit[root] |= emits || self.open[value as usize];
-            alone[root] &= root == value as usize;
+        for (value, root) in roots.iter().enumerate() {
+            lit[*root] |= self.open[value];
+            alone[*root] &= *root == value;
+        }
+        // A lamp lights the set it is in; but a lamp that also shines into the open shines there, and
+        // the part of it that a solid stands on is not meant to light the solid's inside.
+        let mut shines = vec![false; shared.scene.surfaces.len()];
+        for value in (0..values).step_by(2) {
+            shines[surface_of(value)] |= lit[roots[value]];
+        }
+        for value in (0..values).step_by(2) {
+            let surface = surface_of(value);
+            let material = shared.scene.material_of(SurfaceId(surface as u32));
+            lit[roots[value]] |= !material.emitted.is_black() && !shines[surface];
         }
         let mut sealed = Sealed(vec![0; values.div_ceil(64)]);
-        for value in 0..values {
-            let root = self.root(value as u32) as usize;
+        for (value, root) in roots.iter().enumerate() {
             // A front that nothing was joined to has only been missed.
-            let missed = alone[root] && value % 2 == 0;
-            if !lit[root] && !missed && !cut[value / 2] {
+            let missed = alone[*root] && value % 2 == 0;
+            if !lit[*root] && !missed && !cut[value / 2] {
                 sealed.0[value / 64] |= 1 << (value % 64);
             }
         }

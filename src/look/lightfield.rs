@@ -22,6 +22,9 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+/// Circles of directions in which a mirror is looked for that none of the nearest three shows.
+const CIRCLES: u32 = 4;
+
 /// Why a field cannot be looked at.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -268,15 +271,7 @@ impl LightField {
         let material = self.scene.material_of(surface);
         let mirror = material.reflectance.is_mirror();
         let wanted = if mirror { mirrored(away, normal) } else { away };
-        let resolution = self.manifest.parameters.resolution;
-        let around = Around::new(&self.directions, resolution, wanted, normal);
-        let mut maps = [None; 3];
-        for (map, near) in maps.iter_mut().zip(&around.near) {
-            if near.weight > 0.0 {
-                *map = Some(self.map(near.direction.0)?);
-            }
-        }
-        let found = around.radiance(&maps, surface, point);
+        let found = self.looked_up(surface, point, wanted, normal)?;
         Ok(match material.reflectance {
             // Where no direction sees the surface (it is edge-on to all three, or smaller than a
             // cell) its texture map still knows it.
@@ -285,9 +280,56 @@ impl LightField {
             }),
             Reflectance::Mirror(factor) => {
                 let emitted = if side == Side::Front { material.emitted } else { Rgb::BLACK };
-                found.unwrap_or_default() * factor + emitted
+                let arrived = match found {
+                    Some(arrived) => arrived,
+                    None => self.looked_up_nearby(surface, point, wanted, normal)?,
+                };
+                arrived * factor + emitted
             }
         })
+    }
+
+    /// Interpolated between the three directions around `wanted`; `None` when the surface covers no
+    /// cell near the point in any of them.
+    fn looked_up(
+        &self,
+        surface: SurfaceId,
+        point: Vec3,
+        wanted: Vec3,
+        normal: Vec3,
+    ) -> Result<Option<Rgb>, FormatError> {
+        let resolution = self.manifest.parameters.resolution;
+        let around = Around::new(&self.directions, resolution, wanted, normal);
+        let mut maps = [None; 3];
+        for (map, near) in maps.iter_mut().zip(&around.near) {
+            if near.weight > 0.0 {
+                *map = Some(self.map(near.direction.0)?);
+            }
+        }
+        Ok(around.radiance(&maps, surface, point))
+    }
+
+    /// For mirrors thinner than a cell: the first that is found in ever wider circles of directions.
+    fn looked_up_nearby(
+        &self,
+        surface: SurfaceId,
+        point: Vec3,
+        wanted: Vec3,
+        normal: Vec3,
+    ) -> Result<Rgb, FormatError> {
+        let spacing = 2.5 / (self.directions.len() as f32).sqrt();
+        let (a, b) = wanted.any_orthonormal_pair();
+        for circle in 1..=CIRCLES {
+            for k in 0..8 {
+                let (sin, cos) = (k as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
+                let aside = (a * cos + b * sin) * (spacing * circle as f32);
+                let nearby = (wanted + aside).normalize();
+                if let Some(found) = self.looked_up(surface, point, nearby, normal)? {
+                    return Ok(found);
+                }
+            }
+        }
+        Ok(Rgb::BLACK)
     }
 }
 
