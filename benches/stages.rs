@@ -7,6 +7,7 @@ use glam::Vec3;
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 use vlf::bake::layers::{Layers, Outlines};
+use vlf::bake::reach::Sealed;
 use vlf::bake::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
 use vlf::bake::transfer::{Fixed, Quantum};
 use vlf::bake::{Options, emission, texels, totals};
@@ -136,7 +137,9 @@ fn shoot_one_direction(bencher: Bencher) {
     let shot = emission(&OFFICE.scene, &OFFICE.texels);
     let fixed = shot.iter().map(|v| OFFICE.quantum.fixed(*v));
     let current: Vec<Fixed> = fixed.chain([FROM_OUTSIDE]).collect();
-    let cycle = Cycle { number: 0, current: &current, pages: None, perturbations: 1 };
+    let sealed = Sealed::none(current.len());
+    let cycle =
+        Cycle { number: 0, current: &current, pages: None, perturbations: 1, sealed: &sealed };
     let mut scratch = Scratch::new(&OFFICE.texels);
     bencher.bench_local(|| shoot(&shared, &cycle, black_box(LINE), &mut scratch));
 }

@@ -101,6 +101,11 @@ impl CutViews {
 pub struct Sealed(Vec<u64>);
 
 impl Sealed {
+    /// None of so many values.
+    pub fn none(values: usize) -> Sealed {
+        Sealed(vec![0; values.div_ceil(64)])
+    }
+
     /// Whether no light can come to a value.
     pub fn has(&self, value: usize) -> bool {
         self.0[value / 64] >> (value % 64) & 1 == 1
@@ -168,7 +173,7 @@ impl Reach {
             let material = shared.scene.material_of(SurfaceId(surface as u32));
             lit[roots[value]] |= !material.emitted.is_black() && !shines[surface];
         }
-        let mut sealed = Sealed(vec![0; values.div_ceil(64)]);
+        let mut sealed = Sealed::none(values);
         for (value, root) in roots.iter().enumerate() {
             // A front that nothing was joined to has only been missed.
             let missed = alone[*root] && value % 2 == 0;

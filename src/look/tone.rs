@@ -24,7 +24,7 @@ pub fn develop(picture: &Picture, ev: f32) -> Bitmap {
 }
 
 /// The exposure, in stops, that brings the logarithmic mean of a picture's luminance to
-/// [`MIDDLE`]: somewhat above middle grey, since rooms are painted light. A lamp in the view hardly moves it; black pixels, where nothing is seen, are left
+/// 26 %: somewhat above middle grey, since rooms are painted light. A lamp in the view hardly moves it; black pixels, where nothing is seen, are left
 /// out, and 0 is the answer where there is no light at all.
 pub fn auto_exposure(picture: &Picture) -> f32 {
     let lit = |p: &&Rgb| p.is_physical() && p.luminance() > 0.0;
