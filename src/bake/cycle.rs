@@ -8,13 +8,14 @@ use super::cuts::cut_texels;
 use super::layers::{Layers, Outlines};
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::reach::{CutViews, Reach, Sealed};
-use super::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
+use super::step::{Cycle, FROM_OUTSIDE, Made, Scratch, Shared, shoot};
 use super::totals;
 use super::transfer::diffuse::{diffuse_factor, next_textures};
 use super::transfer::{Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, Progress, count_run};
 use crate::directions::Directions;
 use crate::field::pages::Pages;
+use crate::field::writer::{self, Maps};
 use crate::field::{Field, FieldError, Textures};
 use crate::format::bytes::{Reader, Writer};
 use crate::format::container::{ChunkKind, FileKind};
@@ -216,18 +217,14 @@ impl<'a> Bake<'a> {
                 perturbations,
                 sealed: &self.sealed,
             };
-            let field = &self.field;
-            let (done, walk) = self.walk(Phase::Propagating, |direction, worker| {
+            let place = (folder.as_str(), cycle + 1);
+            let (done, walk) = self.walk(Phase::Propagating, place, |direction, worker| {
                 let mut scratch = lock(&workers[worker]);
                 let made = shoot(&shared, &what, DirectionId(direction), &mut scratch)?;
-                if let Some(made) = made {
-                    let maps = [
-                        (ChunkKind::Unshot, made.unshot.as_slice()),
-                        (ChunkKind::Arrived, made.arrived.as_slice()),
-                    ];
-                    field.write_tiles(&folder, (cycle + 1, direction), &maps)?;
-                }
-                Ok(())
+                let maps = |made: Made| {
+                    vec![(ChunkKind::Unshot, made.unshot), (ChunkKind::Arrived, made.arrived)]
+                };
+                Ok(made.map(maps).unwrap_or_default())
             })?;
             drop(pages);
             gather_sums(&workers, &mut sums, &mut tally);
@@ -253,9 +250,26 @@ impl<'a> Bake<'a> {
         self.field.manifest().done_count() == self.parameters.directions
     }
 
-    /// Takes directions that are not done until all are, the commit is due, or a stop is asked for.
-    /// Returns those that were done.
+    /// Takes directions that are not done until all are, the commit is due, or a stop is asked for; the
+    /// maps that steps make are written to the folder of a generation. Returns those that were done.
     fn walk(
+        &self,
+        phase: Phase,
+        place: (&str, u32),
+        step: impl Fn(u32, usize) -> Result<Maps, FieldError> + Sync,
+    ) -> Result<(Vec<u32>, Walk), BakeError> {
+        writer::behind(&self.field, place, |queue| {
+            self.walk_with(phase, |direction, worker| {
+                let maps = step(direction, worker)?;
+                if !maps.is_empty() {
+                    queue.put(direction, maps);
+                }
+                Ok(())
+            })
+        })?
+    }
+
+    fn walk_with(
         &self,
         phase: Phase,
         step: impl Fn(u32, usize) -> Result<(), FieldError> + Sync,
@@ -443,16 +457,15 @@ impl<'a> Bake<'a> {
             let cycle = self.field.manifest().cycle;
             let pages = has_mirrors.then(|| self.pages());
             let shared = self.shared();
-            let field = &self.field;
-            let (done, walk) = self.walk(Phase::WritingTotals, |direction, worker| {
+            let place = (names::TOTAL, cycle);
+            let (done, walk) = self.walk(Phase::WritingTotals, place, |direction, worker| {
                 let mut scratch = lock(&workers[worker]);
                 let read = |p: &Pages| p.read(direction, ChunkKind::Arrived);
                 let arrived = pages.as_ref().map(read).transpose()?;
                 let maps = (textures.total.as_slice(), lit.as_slice());
                 let id = DirectionId(direction);
                 let bytes = totals::total_map(&shared, id, maps, arrived.as_ref(), &mut scratch)?;
-                let maps = [(ChunkKind::Total, bytes.as_slice())];
-                field.write_tiles(names::TOTAL, (cycle, direction), &maps)
+                Ok(vec![(ChunkKind::Total, bytes)])
             })?;
             drop(pages);
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));

@@ -8,6 +8,8 @@ pub mod files;
 
 pub mod pages;
 
+pub mod writer;
+
 use crate::format::container::{
     self, ChunkId, ChunkKind, Codec, Directory, FileKind, Header, NO_DIRECTION,
 };
