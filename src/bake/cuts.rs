@@ -8,6 +8,7 @@ use crate::ids::SurfaceId;
 use crate::scene::texels::{Lattice, Texels};
 use crate::scene::{Polygon, Scene, Surface};
 use glam::{Vec2, Vec3};
+use std::collections::BTreeMap;
 
 /// Corners nearer to a plane than this lie in it, in the fitted scene's units.
 const IN_PLANE: f32 = 2e-5;
@@ -23,25 +24,46 @@ struct Bounded<'a> {
 /// Whether each texel is cut. Mirrors have no texels to be cut.
 pub fn cut_texels(scene: &Scene, texels: &Texels) -> Vec<bool> {
     let mut cut = vec![false; texels.len()];
-    let polygons: Vec<Bounded> = scene.surface_ids().flat_map(|id| bounded(scene, id)).collect();
+    let classes = by_size(scene.surface_ids().flat_map(|id| bounded(scene, id)));
     for id in scene.surface_ids() {
         let lattice = &texels.lattices[id.index()];
         if scene.material_of(id).reflectance.is_mirror() {
             continue;
         }
         let surface = scene.surface(id);
-        let middle =
-            surface.origin + (surface.u * surface.extent.x + surface.v * surface.extent.y) * 0.5;
-        let reach = 0.5 * surface.extent.length();
-        for other in polygons.iter().filter(|p| p.surface != id) {
-            let offset = other.centre - middle;
-            let beyond = offset.length() > reach + other.radius + IN_PLANE;
-            if !beyond && offset.dot(surface.normal).abs() <= other.radius + IN_PLANE {
-                cut_by(surface, lattice, other.polygon, &mut cut);
+        let across = surface.u * surface.extent.x + surface.v * surface.extent.y;
+        let middle = surface.origin + across * 0.5;
+        let reach = 0.5 * surface.extent.length() + IN_PLANE;
+        for (largest, polygons) in &classes {
+            let (low, high) = (middle.x - reach - largest, middle.x + reach + largest);
+            let from = polygons.partition_point(|p| p.centre.x < low);
+            let near = polygons[from..].iter().take_while(|p| p.centre.x <= high);
+            for other in near.filter(|p| p.surface != id) {
+                let offset = other.centre - middle;
+                let in_reach = offset.length() <= reach + other.radius;
+                if in_reach && offset.dot(surface.normal).abs() <= other.radius + IN_PLANE {
+                    cut_by(surface, lattice, other.polygon, &mut cut);
+                }
             }
         }
     }
     cut
+}
+
+/// Polygons in classes of like size, each with its largest radius and sorted along x, so that a small
+/// surface of a large mesh looks at few of them.
+fn by_size<'a>(polygons: impl Iterator<Item = Bounded<'a>>) -> Vec<(f32, Vec<Bounded<'a>>)> {
+    let mut classes: BTreeMap<i32, Vec<Bounded>> = BTreeMap::new();
+    for polygon in polygons {
+        let class = polygon.radius.max(1e-6).log2().ceil() as i32;
+        classes.entry(class).or_default().push(polygon);
+    }
+    let sorted = |mut polygons: Vec<Bounded<'a>>| {
+        polygons.sort_by(|a, b| a.centre.x.total_cmp(&b.centre.x));
+        let largest = polygons.iter().map(|p| p.radius).fold(0.0, f32::max);
+        (largest, polygons)
+    };
+    classes.into_values().map(sorted).collect()
 }
 
 fn bounded(scene: &Scene, id: SurfaceId) -> impl Iterator<Item = Bounded<'_>> {
@@ -101,5 +123,39 @@ fn mark(lattice: &Lattice, from: Vec2, to: Vec2, cut: &mut [bool]) {
                 cut[(lattice.first as i32 + row * width + column) as usize] = true;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// A floor of 8 x 8 texels with a wall across it, and one that hangs above.
+    #[test]
+    fn a_wall_cuts_the_texels_it_stands_on_and_a_hanging_one_none() {
+        let obj = "mtllib m\nusemtl lamp\n\
+            v -4 0 4\nv 4 0 4\nv 4 0 -4\nv -4 0 -4\nf 1 2 3 4\n\
+            v 0.5 0 2.7\nv 0.5 2 2.7\nv 0.5 2 -4\nv 0.5 0 -4\nf 5 6 7 8\n\
+            v -2.5 1 4\nv -2.5 2 4\nv -2.5 2 -4\nv -2.5 1 -4\nf 9 10 11 12\n";
+        let mtl = "newmtl lamp\nKd 0.5 0.5 0.5\nKe 1 1 1\n";
+        let path = Path::new("cut.obj");
+        let (scene, _) = Scene::from_text(path, obj, &mut |_| Ok(mtl.to_owned())).unwrap();
+        let edge = (1.0 / scene.fit.radius) as f32;
+        let texels = Texels::new(&scene, edge);
+        let cut = cut_texels(&scene, &texels);
+        let floor = texels.lattices[0];
+        assert_eq!((floor.width, floor.height), (8, 8));
+        let texel = |x: f64, z: f64| {
+            let point = scene.fit.to_unit(glam::DVec3::new(x, 0.0, z));
+            cut[texels.at(SurfaceId(0), &scene.surfaces[0], point) as usize]
+        };
+        for z in [-3.5, -2.5, -1.5, -0.5, 0.5, 1.5, 2.5] {
+            for x in [-3.5, -2.5, -1.5, -0.5, 1.5, 2.5, 3.5] {
+                assert!(!texel(x, z), "({x}, {z}) is cut");
+            }
+            assert!(texel(0.5, z), "(0.5, {z}) is not cut");
+        }
+        assert!(!texel(0.5, 3.5), "beyond the wall's end");
     }
 }
