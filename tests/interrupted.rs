@@ -54,7 +54,15 @@ fn a_bake_that_is_killed_again_and_again_ends_with_the_same_bits() {
     let field = folder.path().join("killed.field");
     let mut dice = Dice(11);
     let (mut kills, mut stops) = (0, 0);
-    for round in 0..16 {
+    for round in 0..200 {
+        if kills >= 4 && stops >= 4 {
+            break;
+        }
+        if manifest(&field).is_some_and(|m| m.phase == Phase::Finished) {
+            // It came to its end between two signals: that must have ended well; begin another.
+            assert_eq!(manifest(&field).unwrap().digest, expected.digest, "after {kills} kills");
+            std::fs::remove_dir_all(&field).unwrap();
+        }
         let mut child = command(&field, "129").spawn().unwrap();
         if round % 2 == 0 {
             // Asked politely, it commits in the middle of a cycle what the next one must take up.
@@ -68,7 +76,7 @@ fn a_bake_that_is_killed_again_and_again_ends_with_the_same_bits() {
             kills += i32::from(!child.wait().unwrap().success());
         }
     }
-    assert!(kills >= 3 && stops >= 3, "only {kills} killed and {stops} stopped in time");
+    assert!(kills >= 4 && stops >= 4, "only {kills} killed and {stops} stopped in time");
     assert!(command(&field, "129").status().unwrap().success());
     let resumed = manifest(&field).unwrap();
     assert_eq!(resumed.phase, Phase::Finished);
@@ -93,7 +101,7 @@ fn interrupted_politely_it_stops_keeps_its_work_and_says_how_to_go_on() {
         let mut child = command(&field, "2049").spawn().unwrap();
         begun(&field, &mut child);
         // Past the first directions, so that there is something to keep.
-        std::thread::sleep(Duration::from_millis(700));
+        std::thread::sleep(Duration::from_millis(300));
         signal(&child, name);
         let asked = Instant::now();
         let output = child.wait_with_output().unwrap();
