@@ -10,8 +10,8 @@ use crate::format::container::{
     NO_DIRECTION, encode,
 };
 use crate::format::manifest::{Manifest, Phase, Statistics, record_to_bytes};
+use crate::format::names;
 use crate::format::tiles::Layout;
-use crate::format::{Fault, names};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fs;
@@ -180,11 +180,5 @@ fn may_replace(out: &Path) -> Result<(), PackError> {
             };
             if is_pack { Ok(()) } else { Err(PackError::Foreign(out.to_owned())) }
         }
-    }
-}
-
-impl From<Fault> for PackError {
-    fn from(fault: Fault) -> PackError {
-        PackError::Field(FieldError::Format(fault.in_file("pack")))
     }
 }
