@@ -42,7 +42,7 @@ pub enum FieldError {
         source: Arc<io::Error>,
     },
     /// A file of the field is damaged or not what it should be.
-    #[error("{0}")]
+    #[error(transparent)]
     Format(#[from] FormatError),
     /// Another process bakes it.
     #[error("{0}: is being baked by another process; wait for it or stop it")]

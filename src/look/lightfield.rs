@@ -38,7 +38,7 @@ pub enum LookError {
         source: std::io::Error,
     },
     /// A file is damaged or of another kind.
-    #[error("{0}")]
+    #[error(transparent)]
     Format(#[from] FormatError),
     /// The bake has not come to its end.
     #[error(
