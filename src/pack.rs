@@ -95,7 +95,9 @@ pub fn pack(
         ContainerWriter::new(BufWriter::new(temporary), pack_header, chunks).map_err(failed)?;
 
     // The record, without what differs from run to run.
-    manifest.statistics = Statistics { seconds: 0.0, bytes_written: 0, ..manifest.statistics };
+    let Statistics { fragments, gathers, holes, entries, .. } = manifest.statistics;
+    manifest.statistics =
+        Statistics { fragments, gathers, holes, entries, ..Statistics::default() };
     (manifest.sequence, manifest.has_sums) = (0, false);
     let record =
         record_to_bytes(&manifest).map_err(|f| FieldError::from(f.in_file(field.display())))?;

@@ -630,8 +630,14 @@ fn the_record_is_as_specified() {
         }
         let s = &manifest.statistics;
         assert_eq!(r.f64(), s.seconds);
-        let counts = [r.u64(), r.u64(), r.u64(), r.u64()];
-        assert_eq!(counts, [s.fragments, s.gathers, s.holes, s.bytes_written]);
+        let counts = [r.u64(), r.u64(), r.u64(), r.u64(), r.u64()];
+        assert_eq!(counts, [s.fragments, s.gathers, s.holes, s.bytes_written, s.entries]);
+        let c = &s.cache;
+        for count in [c.hits, c.misses, c.evictions, c.redundant, c.bytes, c.peak] {
+            assert_eq!(r.u64(), count);
+        }
+        assert_eq!(r.f64(), c.wait);
+        assert_eq!((r.u8() == 1).then(|| r.f64()), s.sync);
         assert_eq!(r.take(16), manifest.digest);
         assert!(r.0.is_empty());
     }

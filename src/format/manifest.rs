@@ -100,8 +100,46 @@ pub struct Statistics {
     pub gathers: u64,
     /// Lookups that found no cell of the mirror in any of the three directions.
     pub holes: u64,
-    /// Bytes of tile files written.
+    /// Bytes of files written.
     pub bytes_written: u64,
+    /// Entries of the total maps, one a surface, tile and direction.
+    pub entries: u64,
+    /// What the page cache did.
+    pub cache: CacheFigures,
+    /// Seconds between commits that reached the disk for certain; `None`: the system decided.
+    pub sync: Option<f64>,
+}
+
+/// What the page cache did, over all runs of a bake.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CacheFigures {
+    /// Pages that were there when a step asked for them.
+    pub hits: u64,
+    /// Pages that a step had to wait for.
+    pub misses: u64,
+    /// Pages given up for others.
+    pub evictions: u64,
+    /// Pages read again after they had been given up.
+    pub redundant: u64,
+    /// Bytes read.
+    pub bytes: u64,
+    /// Most bytes held at once.
+    pub peak: u64,
+    /// Seconds that steps waited for pages, summed over threads.
+    pub wait: f64,
+}
+
+impl CacheFigures {
+    /// Counts another run's figures in.
+    pub fn add(&mut self, other: &CacheFigures) {
+        self.hits += other.hits;
+        self.misses += other.misses;
+        self.evictions += other.evictions;
+        self.redundant += other.redundant;
+        self.bytes += other.bytes;
+        self.peak = self.peak.max(other.peak);
+        self.wait += other.wait;
+    }
 }
 
 /// The commit record of a field.
@@ -119,7 +157,7 @@ pub struct Manifest {
     pub cycle: u32,
     /// Directions of the step under way that are done, one bit each, low bit first.
     pub done: Vec<u8>,
-    /// Number of commits so far; names the file of the sums.
+    /// Number of commits so far; names the manifest's own file and the file of the sums.
     pub sequence: u64,
     /// Whether a file of sums belongs to this commit.
     pub has_sums: bool,
