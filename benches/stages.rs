@@ -11,6 +11,7 @@ use vlf::bake::reach::Sealed;
 use vlf::bake::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
 use vlf::bake::transfer::{Fixed, Quantum};
 use vlf::bake::{Options, emission, texels, totals};
+use vlf::field::Terms;
 use vlf::format::tiles::{Layout, exponent_for};
 use vlf::scene::texels::Texels;
 use vlf::{
@@ -90,6 +91,8 @@ static FIELD: LazyLock<LightField> = LazyLock::new(|| {
         progress: &|_| (),
         order: None,
         commit_every: 1e9,
+        terms: Terms::default(),
+        force: false,
     };
     vlf::bake(&OFFICE.scene, &parameters(129, 64), &field, &options).expect("it bakes");
     vlf::pack(&field, &pack, Codec::Raw, &|_| ()).expect("it packs");

@@ -109,6 +109,19 @@ impl Directions {
         (0..self.len() as u32).map(DirectionId)
     }
 
+    /// All ids along a Hilbert curve over the lattice: lines that are near each other in it are near
+    /// each other on the sphere, for as long as can be.
+    pub fn curve(&self) -> Vec<DirectionId> {
+        let along = |place: i32| (place + self.steps) as u32;
+        let order = (2 * self.steps as u32 + 1).next_power_of_two().ilog2() as u8;
+        let mut ids: Vec<DirectionId> = self.ids().collect();
+        ids.sort_by_cached_key(|id| {
+            let (x, y) = self.places[id.index()];
+            fast_hilbert::xy2h(along(x), along(y), order)
+        });
+        ids
+    }
+
     /// Unit vector of a line.
     pub fn vector(&self, id: DirectionId) -> Vec3 {
         self.vectors[id.index()]

@@ -50,6 +50,7 @@ fn one(e: &(dyn Error + 'static)) -> Option<u8> {
             BakeError::Parameter(_) => USAGE,
             BakeError::Field(e) => field(e),
             BakeError::Memory { .. } => LIMIT,
+            BakeError::Space { .. } => IO,
             _ => CORRUPT,
         });
     }
@@ -102,7 +103,7 @@ fn camera(e: &CameraError) -> u8 {
 fn field(e: &FieldError) -> u8 {
     match e {
         FieldError::Format(e) => format(e),
-        FieldError::Locked(_) => LOCKED,
+        FieldError::Locked { .. } => LOCKED,
         FieldError::Identity { .. } => IDENTITY,
         FieldError::Foreign(_) => CORRUPT,
         _ => IO,

@@ -10,7 +10,7 @@
 
 use crate::directions::{Directions, Near};
 use crate::format::tiles::TileMap;
-use crate::ids::{Cell, SurfaceId};
+use crate::ids::{Cell, Sense, SurfaceId};
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use glam::Vec3;
@@ -49,16 +49,88 @@ impl Around {
         surface: SurfaceId,
         point: Vec3,
     ) -> Option<Rgb> {
+        let mut lookups = [0, 1, 2].map(|k| {
+            let lookup = |map| Lookup { map, surface, sense: self.near[k].sense, tile: None };
+            maps[k].as_ref().map(lookup)
+        });
+        self.blend(&mut lookups, point)
+    }
+
+    /// The same from cells that are at hand.
+    pub fn blend(&self, cells: &mut [Option<impl Cells>; 3], point: Vec3) -> Option<Rgb> {
         let mut sum = Rgb::BLACK;
         let mut weight = 0.0;
-        for ((near, psf), map) in self.near.iter().zip(&self.psfs).zip(maps) {
-            let Some(map) = map.as_ref().filter(|_| near.weight > 0.0) else { continue };
-            if let Some(radiance) = between_cells(map, psf, near, surface, point) {
+        for ((near, psf), cells) in self.near.iter().zip(&self.psfs).zip(cells) {
+            let Some(cells) = cells.as_mut().filter(|_| near.weight > 0.0) else { continue };
+            if let Some(radiance) = between_cells(cells, psf, point) {
                 sum += radiance * near.weight;
                 weight += near.weight;
             }
         }
         (weight > 0.0).then(|| sum / weight)
+    }
+}
+
+/// Cells of one surface in one PSF, seen in one sense.
+pub trait Cells {
+    /// Radiance in a column and row, W sr^-1 m^-2; `None` where the surface does not cover the cell or
+    /// there is none.
+    fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb>;
+}
+
+/// A surface's cells, taken out of a tile map, so that the map need not be held.
+pub struct Excerpt {
+    origin: (i32, i32),
+    width: i32,
+    /// Row by row; what is not covered is negative.
+    cells: Vec<Rgb>,
+}
+
+impl Excerpt {
+    /// The cells of `surface` seen in a sense, from a PSF's map. `bounds` are the surface's: a corner,
+    /// and how far it reaches along two axes.
+    pub fn new(
+        map: &TileMap,
+        psf: &Psf,
+        surface: SurfaceId,
+        sense: Sense,
+        (corner, reach): (Vec3, [Vec3; 2]),
+    ) -> Excerpt {
+        let [a, b] = reach;
+        let corners = [corner, corner + a, corner + b, corner + a + b].map(|p| psf.project(p));
+        let low = corners[1..].iter().fold(corners[0], |m, c| m.min(*c));
+        let high = corners[1..].iter().fold(corners[0], |m, c| m.max(*c));
+        // One cell more for rounding.
+        let last = map.resolution() as i32 - 1;
+        let clip = |v: f32| (v as i32).clamp(0, last);
+        let (from, to) =
+            ((clip(low.x - 1.0), clip(low.y - 1.0)), (clip(high.x + 1.0), clip(high.y + 1.0)));
+        let (width, height) = (to.0 - from.0 + 1, to.1 - from.1 + 1);
+        let mut cells = vec![Rgb::splat(-1.0); width as usize * height as usize];
+        let m = map.tile_edge() as i32;
+        for t in from.1 / m..=to.1 / m {
+            for s in from.0 / m..=to.0 / m {
+                let tile = Cell { i: (s * m) as u32, j: (t * m) as u32 };
+                let Some(entry) = map.entry(tile, surface) else { continue };
+                entry.for_each(sense, |inside, radiance| {
+                    let (i, j) = (s * m + inside as i32 % m, t * m + inside as i32 / m);
+                    if i >= from.0 && i <= to.0 && j >= from.1 && j <= to.1 {
+                        cells[((j - from.1) * width + i - from.0) as usize] = radiance;
+                    }
+                });
+            }
+        }
+        Excerpt { origin: from, width, cells }
+    }
+}
+
+impl Cells for &Excerpt {
+    fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
+        let (i, j) = (i - self.origin.0, j - self.origin.1);
+        if i < 0 || j < 0 || i >= self.width {
+            return None;
+        }
+        self.cells.get((j * self.width + i) as usize).copied().filter(|r| r.0[0] >= 0.0)
     }
 }
 
@@ -70,13 +142,7 @@ pub fn mirrored(outgoing: Vec3, normal: Vec3) -> Vec3 {
 
 /// Bilinear between the four cells around the point that belong to the surface, or the mean of those
 /// one ring farther out when none of the four does.
-fn between_cells(
-    map: &TileMap,
-    psf: &Psf,
-    near: &Near,
-    surface: SurfaceId,
-    point: Vec3,
-) -> Option<Rgb> {
+fn between_cells(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Option<Rgb> {
     let at = psf.project(point);
     let (x, y) = (at.x - 0.5, at.y - 0.5);
     let (i, j) = (x.floor(), y.floor());
@@ -84,11 +150,10 @@ fn between_cells(
     let (i, j) = (i as i32, j as i32);
     let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
     let inner = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
-    let mut lookup = Lookup { map, surface, tile: None };
     let mut sum = Rgb::BLACK;
     let mut weight = 0.0;
     for ((i, j), w) in inner.into_iter().zip(weights) {
-        if let Some(radiance) = lookup.radiance(i, j, near) {
+        if let Some(radiance) = cells.radiance(i, j) {
             // A cell that alone is found counts even where its bilinear weight vanishes.
             let w = w.max(1e-4);
             sum += radiance * w;
@@ -99,7 +164,7 @@ fn between_cells(
         return Some(sum / weight);
     }
     for (di, dj) in RING {
-        if let Some(radiance) = lookup.radiance(i + di, j + dj, near) {
+        if let Some(radiance) = cells.radiance(i + di, j + dj) {
             sum += radiance;
             weight += 1.0;
         }
@@ -127,11 +192,12 @@ const RING: [(i32, i32); 12] = [
 struct Lookup<'a> {
     map: &'a TileMap<'a>,
     surface: SurfaceId,
+    sense: Sense,
     tile: Option<((u32, u32), Option<crate::format::tiles::TileEntry<'a>>)>,
 }
 
-impl Lookup<'_> {
-    fn radiance(&mut self, i: i32, j: i32, near: &Near) -> Option<Rgb> {
+impl Cells for Lookup<'_> {
+    fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
         let last = self.map.resolution() as i32 - 1;
         if i < 0 || j < 0 || i > last || j > last {
             return None;
@@ -146,7 +212,7 @@ impl Lookup<'_> {
                 entry
             }
         };
-        entry?.radiance(cell, near.sense)
+        entry?.radiance(cell, self.sense)
     }
 }
 
@@ -154,7 +220,6 @@ impl Lookup<'_> {
 mod tests {
     use super::*;
     use crate::format::tiles::{CoveredCell, Layout, TileMapWriter, exponent_for};
-    use crate::ids::Sense;
 
     const N: u32 = 32;
 

@@ -37,6 +37,8 @@
 //!     progress: &|_| (),
 //!     order: None,
 //!     commit_every: 5.0,
+//!     terms: vlf::field::Terms::default(),
+//!     force: false,
 //! };
 //! assert_eq!(vlf::bake(&scene, &parameters, &field, &options)?, Outcome::Finished);
 //!

@@ -4,7 +4,9 @@
 //! Texture Map, then the total radiance map of every direction in order. Every chunk is verified and
 //! every map checked on the way, so that what is packed is sound. The same field gives the same bytes.
 
-use crate::field::{FieldError, files, read_chunk, read_manifest};
+use crate::field::files::read_chunk;
+use crate::field::storage::disk::Disk;
+use crate::field::{FieldError, read_manifest};
 use crate::format::container::{
     ChunkId, ChunkKind, Codec, ContainerWriter, Directory, FIRST_BLOCK, FileKind, Header,
     NO_DIRECTION, encode,
@@ -15,7 +17,7 @@ use crate::format::tiles::Layout;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fs;
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Read};
 use std::path::{Path, PathBuf};
 
 /// Directions encoded at a time.
@@ -70,7 +72,8 @@ pub fn pack(
     codec: Codec,
     progress: &(dyn Fn(f32) + Sync),
 ) -> Result<PackReport, PackError> {
-    let (header, mut manifest) = read_manifest(field)?;
+    let storage = Disk::new(field);
+    let (header, mut manifest) = read_manifest(&storage)?;
     if manifest.phase != Phase::Finished {
         return Err(PackError::Unfinished(field.to_owned()));
     }
@@ -104,12 +107,12 @@ pub fn pack(
     let cycle = manifest.cycle;
     let id = |kind, direction| ChunkId { kind, cycle, direction };
     let scene =
-        read_chunk(&field.join(names::SCENE), FileKind::Scene, ChunkKind::Scene, NO_DIRECTION)?;
+        read_chunk(&storage, names::SCENE, FileKind::Scene, (ChunkKind::Scene, NO_DIRECTION))?;
     let textures = read_chunk(
-        &field.join(names::textures(cycle)),
+        &storage,
+        &names::textures(cycle),
         FileKind::Textures,
-        ChunkKind::TotalTexture,
-        NO_DIRECTION,
+        (ChunkKind::TotalTexture, NO_DIRECTION),
     )?;
     for (kind, bytes) in [
         (ChunkKind::Record, &record),
@@ -128,7 +131,7 @@ pub fn pack(
         let encoded: Vec<Result<_, PackError>> = block
             .par_iter()
             .map(|d| {
-                let (raw, values) = checked_map(field, &header, &manifest, *d)?;
+                let (raw, values) = checked_map(&storage, &header, &manifest, *d)?;
                 let stored = encode(codec, &raw).map_err(failed)?.into_owned();
                 Ok((*d, raw.len() as u64, stored, values))
             })
@@ -153,16 +156,16 @@ pub fn pack(
 
 /// The total radiance map of a direction, checked, and how many values it stores.
 fn checked_map(
-    field: &Path,
+    storage: &Disk,
     header: &Header,
     manifest: &Manifest,
     direction: u32,
 ) -> Result<(Vec<u8>, u64), PackError> {
-    let path = names::tiles(field, names::TOTAL, direction);
-    let bytes = read_chunk(&path, FileKind::Tiles, ChunkKind::Total, direction)?;
+    let name = names::tile_file(names::TOTAL, direction);
+    let bytes = read_chunk(storage, &name, FileKind::Tiles, (ChunkKind::Total, direction))?;
     let p = &manifest.parameters;
     let layout = Layout::check(&bytes, p.resolution, p.tile, header.surfaces, header.exponent)
-        .map_err(|f| FieldError::from(f.in_file(path.display())))?;
+        .map_err(|f| FieldError::from(f.in_file(&name)))?;
     let values = crate::format::tiles::TileMap::new(&bytes, &layout).value_count() as u64;
     Ok((bytes, values))
 }
@@ -174,7 +177,10 @@ fn may_replace(out: &Path) -> Result<(), PackError> {
         Err(source) => Err(PackError::Io { path: out.to_owned(), source }),
         Ok(data) => {
             let is_pack = data.is_file() && {
-                let head = files::read_first(out, FIRST_BLOCK)?;
+                let mut head = Vec::new();
+                let read = fs::File::open(out)
+                    .and_then(|f| f.take(FIRST_BLOCK as u64).read_to_end(&mut head));
+                read.map_err(|source| PackError::Io { path: out.to_owned(), source })?;
                 Directory::length(&head, data.len()).is_ok_and(|_| {
                     // A pack's directory begins right behind the first block, which says its kind.
                     head.get(40..44) == Some(&(FileKind::Pack as u32).to_le_bytes())

@@ -9,6 +9,8 @@ use common::{BOX_ON_A_FLOOR, Baked, How, WHITE_AND_LAMP, bake_to, obj, parameter
 use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
+use vlf::field::storage::Storage;
+use vlf::field::storage::disk::Disk;
 use vlf::format::container::Codec;
 use vlf::pack::pack;
 
@@ -317,8 +319,9 @@ fn unfinished_and_damaged_fields_are_not_shown() {
 fn a_field_in_use_and_a_field_of_another_bake_are_left_alone() {
     let folder = folder();
     vlf(&folder).args(bake("box.field", &[])).assert().success();
-    let manifest = folder.path().join("box.field").join(vlf::format::names::MANIFEST);
-    let before = fs::read(&manifest).unwrap();
+    let manifests = vlf::format::names::MANIFESTS.map(|m| folder.path().join("box.field").join(m));
+    let read = || manifests.each_ref().map(|m| fs::read(m).unwrap());
+    let before = read();
     let other = bake_but("box.field", "--resolution", "16");
     refused(&folder, &other, IDENTITY, &["box.field", "resolution 32, not 16"]);
     let other = bake("box.field", &["--one-sided"]);
@@ -327,13 +330,11 @@ fn a_field_in_use_and_a_field_of_another_bake_are_left_alone() {
     refused(&folder, &bake("box.field", &[]), IDENTITY, &["another scene"]);
     write(&folder, "box.mtl", WHITE_AND_LAMP);
 
-    let lock = folder.path().join("box.field").join(vlf::format::names::LOCK);
-    let held = fs::File::options().write(true).open(lock).unwrap();
-    held.lock().unwrap();
-    refused(&folder, &bake("box.field", &[]), LOCKED, &["box.field", "another process"]);
+    let held = Disk::new(&folder.path().join("box.field")).lock("someone").unwrap();
+    refused(&folder, &bake("box.field", &[]), LOCKED, &["box.field", "someone"]);
     drop(held);
     vlf(&folder).args(bake("box.field", &[])).assert().success();
-    assert!(fs::read(manifest).unwrap() == before);
+    assert!(read() == before);
 }
 
 #[test]

@@ -12,6 +12,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use vlf::field::read_manifest;
+use vlf::field::storage::disk::Disk;
 use vlf::format::manifest::{Manifest, Phase};
 
 fn command(field: &Path, directions: &str) -> Command {
@@ -24,7 +25,7 @@ fn command(field: &Path, directions: &str) -> Command {
 }
 
 fn manifest(field: &Path) -> Option<Manifest> {
-    read_manifest(field).ok().map(|m| m.1)
+    read_manifest(&Disk::new(field)).ok().map(|m| m.1)
 }
 
 /// Waits until the field exists, so that a signal meets the bake and not the loader.

@@ -9,6 +9,7 @@ use std::fs;
 use std::path::Path;
 use vlf::bake::Outcome;
 use vlf::field::read_manifest;
+use vlf::field::storage::disk::Disk;
 use vlf::format::container::Codec;
 use vlf::format::manifest::Phase;
 use vlf::pack::pack;
@@ -18,7 +19,7 @@ use vlf::{Parameters, Scene};
 fn bits(field: &Path) -> ([u8; 16], Vec<u8>) {
     let out = field.with_extension("vlf");
     pack(field, &out, Codec::Raw, &|_| {}).unwrap();
-    let manifest = read_manifest(field).unwrap().1;
+    let manifest = read_manifest(&Disk::new(field)).unwrap().1;
     assert_eq!(manifest.phase, Phase::Finished);
     assert_ne!(manifest.digest, [0; 16]);
     (manifest.digest, fs::read(out).unwrap())
@@ -95,9 +96,9 @@ fn a_bake_that_is_stopped_again_and_again_ends_with_the_same_bits() {
 fn a_finished_field_is_not_baked_again() {
     let (scene, parameters) = room();
     let baked = Baked::new(&scene, &parameters);
-    let before = fs::read(baked.path.join(vlf::format::names::MANIFEST)).unwrap();
+    let before = vlf::format::names::MANIFESTS.map(|m| fs::read(baked.path.join(m)).unwrap());
     let how = How { stop_after: Some(1), ..How::default() };
     assert_eq!(bake_to(&baked.path, &scene, &parameters, &how), Outcome::Finished);
-    let after = fs::read(baked.path.join(vlf::format::names::MANIFEST)).unwrap();
+    let after = vlf::format::names::MANIFESTS.map(|m| fs::read(baked.path.join(m)).unwrap());
     assert!(before == after);
 }

@@ -4,9 +4,11 @@
 //! the state of a bake is the committed generation, the sums so far and the set of directions they
 //! hold, and any interruption costs at most the time since the last commit.
 
+use super::ahead::{Wanted, ahead};
 use super::cuts::cut_texels;
 use super::layers::{Layers, Outlines};
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
+use super::memory::Need;
 use super::reach::{CutViews, Reach, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Made, Scratch, Shared, shoot};
 use super::totals;
@@ -14,11 +16,13 @@ use super::transfer::diffuse::{diffuse_factor, next_textures};
 use super::transfer::{Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, Progress, count_run};
 use crate::directions::Directions;
+use crate::field::files::BLOCK;
 use crate::field::pages::Pages;
 use crate::field::writer::{self, Maps};
-use crate::field::{Field, FieldError, Textures};
+use crate::field::{Field, FieldError};
+use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
-use crate::format::container::{ChunkKind, FileKind};
+use crate::format::container::{ChunkKind, FileKind, NO_DIRECTION};
 use crate::format::manifest::{CycleLedger, Parameters, Phase};
 use crate::format::names;
 use crate::ids::DirectionId;
@@ -26,12 +30,9 @@ use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::areas::areas;
 use crate::scene::texels::Texels;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
-
-/// Seconds of work handed out between two looks at the clock.
-const BATCH_SECONDS: f64 = 0.5;
 
 /// A bake under way.
 pub struct Bake<'a> {
@@ -43,7 +44,7 @@ pub struct Bake<'a> {
     parameters: Parameters,
     field: Field,
     quantum: Quantum,
-    budget: u64,
+    need: Need,
     options: &'a Options<'a>,
     pool: rayon::ThreadPool,
     committed: Instant,
@@ -58,8 +59,7 @@ enum Walk {
 }
 
 impl<'a> Bake<'a> {
-    /// Takes up a field that is not finished. `most` is the brightest emitted radiance, `budget` the
-    /// bytes that the page cache may hold.
+    /// Takes up a field that is not finished. `most` is the brightest emitted radiance.
     ///
     /// # Errors
     /// When threads cannot be started.
@@ -68,8 +68,7 @@ impl<'a> Bake<'a> {
         texels: &'a Texels,
         directions: &'a Directions,
         field: Field,
-        most: f32,
-        budget: u64,
+        (most, need): (f32, Need),
         options: &'a Options<'a>,
     ) -> Result<Bake<'a>, BakeError> {
         let pool = rayon::ThreadPoolBuilder::new()
@@ -85,7 +84,7 @@ impl<'a> Bake<'a> {
             parameters: field.manifest().parameters.clone(),
             field,
             quantum: Quantum::new(most),
-            budget,
+            need,
             options,
             pool,
             committed: Instant::now(),
@@ -168,35 +167,37 @@ impl<'a> Bake<'a> {
         }
     }
 
-    /// The texture maps that the cycle under way shoots from.
-    fn textures(&self) -> Result<Textures, FieldError> {
+    /// A texture map that the cycle under way shoots from, or adds to.
+    fn texture(&self, kind: ChunkKind) -> Result<Vec<Rgb>, FieldError> {
         match self.field.manifest().cycle {
-            0 => {
-                let total = super::emission(self.scene, self.texels);
-                Ok(Textures { current: total.clone(), total })
-            }
-            cycle => self.field.read_textures(cycle, 2 * self.texels.len()),
+            0 => Ok(super::emission(self.scene, self.texels)),
+            cycle => self.field.read_texture(cycle, kind, 2 * self.texels.len()),
         }
     }
 
-    fn pages(&self) -> Pages<'_> {
-        let surfaces = self.scene.surfaces.len() as u32;
-        let exponent = self.field.header_of(FileKind::Tiles, (0, 0)).exponent;
+    fn pages(&self, phase: Phase) -> Pages {
         let cycle = self.field.manifest().cycle;
-        let what = (surfaces, exponent);
-        Pages::new(self.field.path(), cycle, &self.parameters, what, self.budget)
+        let header = self.field.header_of(FileKind::Tiles, (cycle, NO_DIRECTION));
+        let fixed = self.need.fixed[usize::from(phase != Phase::Propagating)];
+        let budget = self.options.memory.saturating_sub(fixed);
+        Pages::new(self.field.shared_storage(), header, budget, self.options.threads)
     }
 
     /// Goes on with the cycle under way, to its end and commit.
     fn cycle(&mut self) -> Result<Walk, BakeError> {
         let cycle = self.field.manifest().cycle;
-        let textures = self.textures()?;
-        let shot = textures.current.iter().map(|v| self.quantum.fixed(*v));
-        let current: Vec<Fixed> = shot.chain([FROM_OUTSIDE]).collect();
-        let mut sums = vec![[0i64; 4]; 2 * self.texels.len()];
+        let current: Vec<Fixed> = {
+            let shot = self.texture(ChunkKind::CurrentTexture)?;
+            let shot = shot.iter().map(|v| self.quantum.fixed(*v));
+            shot.chain([FROM_OUTSIDE]).collect()
+        };
         let mut tally = Tally::default();
+        // The first worker's sums are the bake's own; the others' are added to them.
+        let workers: Vec<Mutex<Scratch>> = (0..self.options.threads.max(1))
+            .map(|_| Mutex::new(Scratch::new(self.texels)))
+            .collect();
         if self.field.manifest().has_sums {
-            (sums, tally) = self.read_sums()?;
+            tally = self.read_sums(&mut lock(&workers[0]).sums)?;
         }
         let perturbations = self.perturbations(cycle);
         let has_mirrors = self.shared().has_mirrors();
@@ -204,11 +205,8 @@ impl<'a> Bake<'a> {
         if has_mirrors && !self.all_done() {
             self.field.begin_folder(&folder)?;
         }
-        let workers: Vec<Mutex<Scratch>> = (0..self.options.threads.max(1))
-            .map(|_| Mutex::new(Scratch::new(self.texels)))
-            .collect();
-        loop {
-            let pages = (has_mirrors && cycle > 0).then(|| self.pages());
+        let pages = (has_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating));
+        while !self.all_done() {
             let shared = self.shared();
             let what = Cycle {
                 number: cycle,
@@ -217,28 +215,43 @@ impl<'a> Bake<'a> {
                 perturbations,
                 sealed: &self.sealed,
             };
+            let wanted =
+                Wanted { pages: what.pages, gathers: true, shared: &shared, sealed: &self.sealed };
             let place = (folder.as_str(), cycle + 1);
-            let (done, walk) = self.walk(Phase::Propagating, place, |direction, worker| {
-                let mut scratch = lock(&workers[worker]);
-                let made = shoot(&shared, &what, DirectionId(direction), &mut scratch)?;
-                let maps = |made: Made| {
-                    vec![(ChunkKind::Unshot, made.unshot), (ChunkKind::Arrived, made.arrived)]
-                };
-                Ok(made.map(maps).unwrap_or_default())
-            })?;
-            drop(pages);
-            gather_sums(&workers, &mut sums, &mut tally);
+            let (done, walk) =
+                self.walk(Phase::Propagating, place, &wanted, |direction, worker| {
+                    let mut scratch = lock(&workers[worker]);
+                    let made = shoot(&shared, &what, DirectionId(direction), &mut scratch)?;
+                    let maps = |made: Made| {
+                        vec![(ChunkKind::Unshot, made.unshot), (ChunkKind::Arrived, made.arrived)]
+                    };
+                    Ok(made.map(maps).unwrap_or_default())
+                })?;
+            gather_sums(&workers, &mut tally);
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));
-            match walk {
-                Walk::Done if self.all_done() => break,
-                _ => self.checkpoint(&sums, &tally)?,
+            self.count_pages(pages.as_ref());
+            if !self.all_done() {
+                self.checkpoint(&lock(&workers[0]).sums, &tally)?;
             }
             if let Walk::Stopped = walk {
                 return Ok(Walk::Stopped);
             }
         }
-        self.end_cycle(cycle, textures, &sums, &tally, perturbations)?;
+        drop((current, pages));
+        let sums = workers
+            .into_iter()
+            .next()
+            .map(|w| w.into_inner().unwrap_or_else(PoisonError::into_inner));
+        let sums = sums.map(|s| s.sums).unwrap_or_default();
+        self.end_cycle(cycle, &sums[..2 * self.texels.len()], &tally, perturbations)?;
         Ok(Walk::Done)
+    }
+
+    /// Counts what the page cache did into the field's figures.
+    fn count_pages(&mut self, pages: Option<&Pages>) {
+        if let Some(pages) = pages {
+            self.field.manifest_mut().statistics.cache.add(&pages.take_figures());
+        }
     }
 
     fn perturbations(&self, cycle: u32) -> u32 {
@@ -256,60 +269,49 @@ impl<'a> Bake<'a> {
         &self,
         phase: Phase,
         place: (&str, u32),
+        wanted: &Wanted,
         step: impl Fn(u32, usize) -> Result<Maps, FieldError> + Sync,
-    ) -> Result<(Vec<u32>, Walk), BakeError> {
-        writer::behind(&self.field, place, |queue| {
-            self.walk_with(phase, |direction, worker| {
-                let maps = step(direction, worker)?;
-                if !maps.is_empty() {
-                    queue.put(direction, maps);
-                }
-                Ok(())
-            })
-        })?
-    }
-
-    fn walk_with(
-        &self,
-        phase: Phase,
-        step: impl Fn(u32, usize) -> Result<(), FieldError> + Sync,
-    ) -> Result<(Vec<u32>, Walk), BakeError> {
+    ) -> Result<(Vec<u32>, Walk), FieldError> {
         let manifest = self.field.manifest();
-        let natural = 0..self.parameters.directions;
-        let order = self.options.order.clone().unwrap_or_else(|| natural.collect());
+        let curve = || self.directions.curve().iter().map(|id| id.0).collect();
+        let order = self.options.order.clone().unwrap_or_else(curve);
         let todo: Vec<u32> = order.into_iter().filter(|d| !manifest.is_done(*d)).collect();
         let stop = || self.options.stop.load(Ordering::Relaxed);
-        let mut done = Vec::new();
-        let mut at = 0;
-        let mut batch = self.options.threads.max(1);
-        while at < todo.len() && !stop() {
-            let due = self.committed.elapsed().as_secs_f64() > self.options.commit_every;
-            if due && !done.is_empty() {
-                return Ok((done, Walk::Done));
-            }
-            let began = Instant::now();
-            let part = &todo[at..(at + batch).min(todo.len())];
-            let next = AtomicUsize::new(0);
-            let results = self.pool.broadcast(|context| {
-                let mut finished = Vec::new();
-                while let Some(direction) = part.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    if stop() {
-                        break;
+        let due = || self.committed.elapsed().as_secs_f64() > self.options.commit_every;
+        let (failed, done) = (AtomicBool::new(false), Mutex::new(Vec::new()));
+        let enough = || {
+            let some = !lock(&done).is_empty();
+            stop() || failed.load(Ordering::Relaxed) || (some && due())
+        };
+        writer::behind(&self.field, place, |queue| {
+            ahead(wanted, &todo, self.options.threads, enough, |directions| {
+                let results = self.pool.broadcast(|context| {
+                    for direction in directions {
+                        if stop() || failed.load(Ordering::Relaxed) {
+                            continue;
+                        }
+                        let maps = step(direction, context.index());
+                        let put = |maps: Maps| match maps.is_empty() {
+                            true => Ok(()),
+                            false => queue.put(direction, maps),
+                        };
+                        if let Err(error) = maps.and_then(put) {
+                            failed.store(true, Ordering::Relaxed);
+                            return Err(error);
+                        }
+                        let count = {
+                            let mut done = lock(&done);
+                            done.push(direction);
+                            done.len() as u32
+                        };
+                        self.report(phase, manifest.done_count() + count);
                     }
-                    step(*direction, context.index())?;
-                    finished.push(*direction);
-                }
-                Ok::<_, FieldError>(finished)
-            });
-            for result in results {
-                done.extend(result?);
-            }
-            at += part.len();
-            let seconds = began.elapsed().as_secs_f64().max(1e-4);
-            let fitting = (part.len() as f64 * BATCH_SECONDS / seconds) as usize;
-            batch = fitting.clamp(self.options.threads.max(1), 4 * batch.max(1));
-            self.report(phase, manifest.done_count() + done.len() as u32);
-        }
+                    Ok(())
+                });
+                results.into_iter().collect::<Result<(), FieldError>>()
+            })
+        })?;
+        let done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
         Ok((done, if stop() { Walk::Stopped } else { Walk::Done }))
     }
 
@@ -344,33 +346,51 @@ impl<'a> Bake<'a> {
 
     /// Commits the sums of a cycle under way.
     fn checkpoint(&mut self, sums: &[Fixed], tally: &Tally) -> Result<(), BakeError> {
-        let mut w = Writer(Vec::with_capacity(32 * sums.len() + 256));
-        tally.write(&mut w);
-        sums.iter().flatten().for_each(|v| w.i64(*v));
-        self.field.write_sums(&w.0)?;
+        let sums = &sums[..2 * self.texels.len()];
+        let mut head = Writer::default();
+        tally.write(&mut head);
+        let length = (head.0.len() + size_of_val(sums)) as u64;
+        let blocks = sums.chunks(BLOCK / size_of::<Fixed>()).map(|part| {
+            let mut w = Writer(Vec::with_capacity(size_of_val(part)));
+            part.iter().flatten().for_each(|v| w.i64(*v));
+            w.0
+        });
+        self.field.write_sums(length, std::iter::once(head.0).chain(blocks))?;
         self.count_seconds();
         self.field.commit()?;
         self.committed = Instant::now();
         Ok(())
     }
 
-    fn read_sums(&self) -> Result<(Vec<Fixed>, Tally), BakeError> {
-        let bytes = self.field.read_sums()?;
-        let mut r = Reader::new(&bytes);
-        let tally = Tally::read(&mut r)?;
-        let mut sums = vec![[0i64; 4]; 2 * self.texels.len()];
-        for sum in sums.iter_mut().flatten() {
-            *sum = r.i64()?;
+    /// Reads the committed sums; returns the tally that belongs to them.
+    fn read_sums(&self, sums: &mut [Fixed]) -> Result<Tally, FieldError> {
+        let sums = &mut sums[..2 * self.texels.len()];
+        let count = size_of_val(sums) / 8;
+        let (mut tally, mut rest, mut at) = (None, Vec::new(), 0);
+        self.field.read_sums(|block| {
+            rest.extend_from_slice(block);
+            let mut r = Reader::new(&rest);
+            if tally.is_none() {
+                tally = Some(Tally::read(&mut r)?);
+            }
+            while r.left() >= 8 && at < count {
+                sums[at / 4][at % 4] = r.i64()?;
+                at += 1;
+            }
+            let used = rest.len() - r.left();
+            rest.drain(..used);
+            Ok(())
+        })?;
+        match tally {
+            Some(tally) if at == count && rest.is_empty() => Ok(tally),
+            _ => Err(Fault::invalid("sums of another length").in_file("sums").into()),
         }
-        r.end()?;
-        Ok((sums, tally))
     }
 
     /// Makes the next generation's texture maps, closes the ledger and commits.
     fn end_cycle(
         &mut self,
         cycle: u32,
-        textures: Textures,
         sums: &[Fixed],
         tally: &Tally,
         perturbations: u32,
@@ -414,12 +434,9 @@ impl<'a> Bake<'a> {
             return Err(BakeError::Ledger { cycle, residual: ledger.residual() });
         }
 
-        let mut total = textures.total;
+        let mut total = self.texture(ChunkKind::TotalTexture)?;
         total.iter_mut().zip(&next).for_each(|(t, n)| *t += *n);
-        self.field.write_textures(cycle + 1, &Textures { total, current: next })?;
-        if self.shared().has_mirrors() {
-            self.field.publish_folder(&names::generation(cycle + 1))?;
-        }
+        self.field.write_textures(cycle + 1, &total, &next)?;
         self.count_seconds();
         let manifest = self.field.manifest_mut();
         manifest.ledger.push(ledger);
@@ -437,42 +454,51 @@ impl<'a> Bake<'a> {
         }
         self.field.commit()?;
         self.committed = Instant::now();
-        self.field.remove_sums()?;
-        self.field.remove_maps(cycle)?;
-        self.field.remove_textures(cycle)?;
         Ok(())
     }
 
     /// Writes the total radiance maps, then ends the bake.
     fn totals(&mut self) -> Result<Walk, BakeError> {
-        let textures = self.textures()?;
-        let lit = totals::lit_sides(self.texels, &textures.total);
-        let has_mirrors = self.shared().has_mirrors();
+        let total = self.texture(ChunkKind::TotalTexture)?;
+        let lit = totals::lit_sides(self.texels, &total);
+        let cycle = self.field.manifest().cycle;
         if !self.all_done() {
             self.field.begin_folder(names::TOTAL)?;
         }
         let workers: Vec<Mutex<totals::Scratch>> =
             (0..self.options.threads.max(1)).map(|_| Mutex::default()).collect();
+        let pages = self.shared().has_mirrors().then(|| self.pages(Phase::WritingTotals));
         while !self.all_done() {
-            let cycle = self.field.manifest().cycle;
-            let pages = has_mirrors.then(|| self.pages());
             let shared = self.shared();
+            let wanted = Wanted {
+                pages: pages.as_ref(),
+                gathers: false,
+                shared: &shared,
+                sealed: &self.sealed,
+            };
             let place = (names::TOTAL, cycle);
-            let (done, walk) = self.walk(Phase::WritingTotals, place, |direction, worker| {
-                let mut scratch = lock(&workers[worker]);
-                let read = |p: &Pages| p.read(direction, ChunkKind::Arrived);
-                let arrived = pages.as_ref().map(read).transpose()?;
-                let maps = (textures.total.as_slice(), lit.as_slice());
-                let id = DirectionId(direction);
-                let bytes = totals::total_map(&shared, id, maps, arrived.as_ref(), &mut scratch)?;
-                Ok(vec![(ChunkKind::Total, bytes)])
-            })?;
-            drop(pages);
+            let (done, walk) =
+                self.walk(Phase::WritingTotals, place, &wanted, |direction, worker| {
+                    let mut scratch = lock(&workers[worker]);
+                    let arrived = match &pages {
+                        Some(pages) => Some(pages.get(direction, ChunkKind::Arrived)?),
+                        None => None,
+                    };
+                    let maps = (total.as_slice(), lit.as_slice());
+                    let id = DirectionId(direction);
+                    let bytes =
+                        totals::total_map(&shared, id, maps, arrived.as_deref(), &mut scratch)?;
+                    Ok(vec![(ChunkKind::Total, bytes)])
+                })?;
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));
             // With the directions they belong to, so that a resumed bake counts none twice and misses none.
-            let fragments = |w: &Mutex<totals::Scratch>| std::mem::take(&mut lock(w).fragments);
-            let fragments: u64 = workers.iter().map(fragments).sum();
-            self.field.manifest_mut().statistics.fragments += fragments;
+            for worker in &workers {
+                let mut scratch = lock(worker);
+                let statistics = &mut self.field.manifest_mut().statistics;
+                statistics.fragments += std::mem::take(&mut scratch.fragments);
+                statistics.entries += std::mem::take(&mut scratch.entries);
+            }
+            self.count_pages(pages.as_ref());
             self.count_seconds();
             self.field.commit()?;
             self.committed = Instant::now();
@@ -480,17 +506,14 @@ impl<'a> Bake<'a> {
                 return Ok(Walk::Stopped);
             }
         }
-        self.field.publish_folder(names::TOTAL)?;
         let digest = self.field.digest()?;
         self.count_seconds();
-        let cycle = self.field.manifest().cycle;
         let manifest = self.field.manifest_mut();
         manifest.phase = Phase::Finished;
         manifest.digest = digest;
+        // Once for the field, and once more so that no commit needs the unshot maps.
         self.field.commit()?;
-        if has_mirrors {
-            self.field.remove_maps(cycle)?;
-        }
+        self.field.commit()?;
         Ok(Walk::Done)
     }
 }
@@ -515,18 +538,21 @@ fn emitted_power(scene: &Scene, scale: f64) -> (f64, f64) {
 }
 
 fn lock<T>(worker: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    worker.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    worker.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Adds the workers' sums to the bake's and empties them.
-fn gather_sums(workers: &[Mutex<Scratch>], sums: &mut [Fixed], tally: &mut Tally) {
-    for worker in workers {
-        let mut scratch = lock(worker);
-        for (total, own) in sums.iter_mut().zip(&mut scratch.sums) {
+/// Adds the workers' sums to the first's, empties them, and adds their tallies.
+fn gather_sums(workers: &[Mutex<Scratch>], tally: &mut Tally) {
+    let Some((first, others)) = workers.split_first() else { return };
+    let mut first = lock(first);
+    for other in others {
+        let mut other = lock(other);
+        for (total, own) in first.sums.iter_mut().zip(&mut other.sums) {
             for (t, o) in total.iter_mut().zip(own.iter_mut()) {
                 *t += std::mem::take(o);
             }
         }
-        tally.add(&std::mem::take(&mut scratch.tally));
+        tally.add(&std::mem::take(&mut other.tally));
     }
+    tally.add(&std::mem::take(&mut first.tally));
 }

@@ -23,19 +23,26 @@ pub mod step;
 
 pub mod totals;
 
+pub mod ahead;
+
+pub mod memory;
+
 pub mod cycle;
 
 pub mod quality;
 
 use crate::directions::Directions;
-use crate::field::{Field, FieldError};
+use crate::field::storage::Storage;
+use crate::field::storage::disk::Disk;
+use crate::field::{Field, FieldError, Terms};
+use crate::format::limits;
 use crate::format::manifest::{Parameters, Phase, Statistics};
 use crate::format::tiles::exponent_for;
-use crate::format::{Fault, limits};
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -58,6 +65,14 @@ pub enum BakeError {
         granted: String,
         /// N.
         resolution: u32,
+    },
+    /// The disk is too small.
+    #[error("the field would take about {needs} of disk, {free} is free; use --force to try")]
+    Space {
+        /// What it would take, in words.
+        needs: String,
+        /// What is there, in words.
+        free: String,
     },
     /// The energy ledger does not close: light was lost or made by a fault of the program.
     #[error(
@@ -94,6 +109,10 @@ pub struct Options<'a> {
     pub order: Option<Vec<u32>>,
     /// Seconds between commits of a cycle under way.
     pub commit_every: f64,
+    /// On what terms the field is written.
+    pub terms: Terms,
+    /// Whether to begin though the disk seems to be too small.
+    pub force: bool,
 }
 
 /// How far a bake has come.
@@ -142,6 +161,19 @@ pub fn bake(
     path: &Path,
     options: &Options,
 ) -> Result<Outcome, BakeError> {
+    bake_in(Arc::new(Disk::new(path)), scene, parameters, options)
+}
+
+/// The same in any storage.
+///
+/// # Errors
+/// As [`bake`].
+pub fn bake_in(
+    storage: Arc<dyn Storage>,
+    scene: &Scene,
+    parameters: &Parameters,
+    options: &Options,
+) -> Result<Outcome, BakeError> {
     check(parameters)?;
     let directions = Directions::with_lines(parameters.directions)
         .ok_or_else(|| BakeError::Parameter(no_lattice(parameters.directions)))?;
@@ -153,14 +185,65 @@ pub fn bake(
         )));
     }
     let texels = texels(scene, parameters);
-    let budget = cache_budget(&texels, parameters, options)?;
     let most = scene.materials.iter().map(|m| m.emitted.max()).fold(0.0, f32::max);
-    let field = Field::create_or_resume(path, scene, parameters, exponent_for(most))?;
-    field.remove_stale()?;
+    let exponent = exponent_for(most);
+    let (need, disk) = needs(scene, &texels, &directions, parameters, exponent, options)?;
+    let there = storage.list("").is_ok_and(|names| !names.is_empty());
+    let free = storage.free().unwrap_or(u64::MAX);
+    if !there && free < disk && !options.force {
+        return Err(BakeError::Space { needs: words(disk), free: words(free) });
+    }
+    let field = Field::create_or_resume(storage, scene, parameters, exponent, options.terms)?;
+    if let Some(notice) = field.notice() {
+        tracing::warn!("{}: {notice}", field.path().display());
+    }
     if field.manifest().phase == Phase::Finished {
         return Ok(Outcome::Finished);
     }
-    cycle::Bake::new(scene, &texels, &directions, field, most, budget, options)?.run(Instant::now())
+    field.collect()?;
+    let bake = cycle::Bake::new(scene, &texels, &directions, field, (most, need), options)?;
+    bake.run(Instant::now())
+}
+
+/// What a bake needs of memory, and about what it needs of the disk at its peak; refused when the
+/// memory granted is less.
+fn needs(
+    scene: &Scene,
+    texels: &Texels,
+    directions: &Directions,
+    parameters: &Parameters,
+    exponent: i32,
+    options: &Options,
+) -> Result<(memory::Need, u64), BakeError> {
+    let outlines = layers::Outlines::new(scene, texels);
+    let quantum = transfer::Quantum::new(1.0);
+    let shared = step::Shared {
+        scene,
+        texels,
+        outlines: &outlines,
+        directions,
+        parameters,
+        quantum,
+        exponent,
+    };
+    let extent = memory::Extent::probe(&shared);
+    let need = memory::Need::new(&shared, &extent, options.threads.max(1) as u64);
+    if options.memory < need.smallest() {
+        return Err(BakeError::Memory {
+            needs: words(need.smallest().next_multiple_of(1 << 20)),
+            granted: words(options.memory),
+            resolution: parameters.resolution,
+        });
+    }
+    // Half of it: most sides are lit on one side at most, and the probe is of the largest directions.
+    let lines = directions.len() as u64;
+    let disk = lines * (extent.total_map / 2 + 4 * extent.mirror_map) + 96 * texels.len() as u64;
+    Ok((need, disk))
+}
+
+/// Bytes in words.
+fn words(bytes: u64) -> String {
+    bytesize::ByteSize::b(bytes).display().iec().to_string()
 }
 
 /// The texels of a scene at a bake's resolution.
@@ -217,33 +300,6 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
         return bad("texel edge or unshot fraction out of range".to_owned());
     }
     Ok(())
-}
-
-/// Bytes left for the page cache when texture maps, sums and scratch have theirs.
-fn cache_budget(texels: &Texels, p: &Parameters, options: &Options) -> Result<u64, BakeError> {
-    let values = 2 * texels.len() as u64;
-    // Sums of every worker and of the field, current maps in fixed point, P^T, P^C and P^N.
-    let maps = values * (32 * (options.threads as u64 + 2) + 3 * 12);
-    // Fragments of a PSF (eight to a cell is more than rooms have), tile maps under way.
-    let cells = u64::from(p.resolution) * u64::from(p.resolution);
-    let scratch = options.threads as u64 * cells * (4 + 8 * 8 + 64);
-    let fixed = maps + scratch + (16 << 20);
-    let smallest = fixed + (8 << 20);
-    if options.memory < smallest {
-        let words = |bytes: u64| bytesize::ByteSize::b(bytes).display().iec().to_string();
-        return Err(BakeError::Memory {
-            needs: words(smallest.next_multiple_of(1 << 20)),
-            granted: words(options.memory),
-            resolution: p.resolution,
-        });
-    }
-    Ok(options.memory - fixed)
-}
-
-impl From<Fault> for BakeError {
-    fn from(fault: Fault) -> BakeError {
-        BakeError::Field(FieldError::Format(fault.in_file("sums")))
-    }
 }
 
 /// Adds what a run took to a bake's figures.

@@ -56,7 +56,7 @@ pub struct Cycle<'a> {
     /// outside the scene, see [`FROM_OUTSIDE`].
     pub current: &'a [Fixed],
     /// Unshot maps of mirrors; none in the first cycle and in scenes without mirrors.
-    pub pages: Option<&'a Pages<'a>>,
+    pub pages: Option<&'a Pages>,
     /// PSFs each direction stands for.
     pub perturbations: u32,
     /// Texture values that no light can come to.
@@ -113,6 +113,9 @@ pub struct Made {
 pub const FROM_OUTSIDE: Fixed = [0, 0, 0, 1];
 
 impl Scratch {
+    /// Bytes for each mirror, apart from excerpts.
+    pub const A_MIRROR: u64 = 2 * size_of::<Option<MirrorSender>>() as u64;
+
     /// For a scene's texels.
     pub fn new(texels: &Texels) -> Scratch {
         let mirrors = texels.len() - texels.diffuse as usize;
@@ -220,7 +223,7 @@ impl Line<'_> {
     ) -> Result<Made, FieldError> {
         let Parameters { resolution, tile: m, .. } = *self.shared.parameters;
         let exponent = self.shared.exponent;
-        let before = self.cycle.pages.map(|p| p.read(id.0, ChunkKind::Arrived)).transpose()?;
+        let before = self.cycle.pages.map(|p| p.get(id.0, ChunkKind::Arrived)).transpose()?;
         let mut unshot = TileMapWriter::new(resolution, m, exponent);
         let mut arrived = TileMapWriter::new(resolution, m, exponent);
         let n = resolution / m;

@@ -23,6 +23,8 @@ pub struct Scratch {
     tile: Vec<CoveredCell>,
     /// Fragments so far.
     pub fragments: u64,
+    /// Entries of the maps so far.
+    pub entries: u64,
 }
 
 /// The bytes of a direction's total radiance map. `total` is P^T, two values a texel; `lit` says for
@@ -74,6 +76,7 @@ pub fn total_map(
         }
         writer.tile(&mut scratch.tile);
     }
+    scratch.entries += writer.entry_count() as u64;
     Ok(writer.finish())
 }
 

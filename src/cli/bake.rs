@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use vlf::bake::{Options, Outcome, bake};
+use vlf::field::Terms;
 use vlf::format::manifest::Parameters;
 use vlf::scene::Report;
 use vlf::{Scene, bake::quality::Quality};
@@ -103,6 +104,8 @@ pub fn bake_with_bar(
         progress: &|p| bar.bake(p),
         order: None,
         commit_every: COMMIT_EVERY,
+        terms: Terms::default(),
+        force: false,
     };
     let outcome = bake(scene, parameters, output, &options);
     bar.end();

@@ -5,10 +5,11 @@ use bytesize::ByteSize;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
-use vlf::field;
-use vlf::format::container::{self, ChunkKind, Directory, FileKind, NO_DIRECTION};
+use vlf::field::storage::disk::Disk;
+use vlf::field::{self, files};
+use vlf::format::container::{ChunkKind, FileKind, NO_DIRECTION};
 use vlf::format::manifest::{Manifest, Phase, record_from_bytes};
-use vlf::format::{FormatError, names};
+use vlf::format::{Fault, names};
 
 pub fn run(a: &args::Info) -> anyhow::Result<u8> {
     if a.json {
@@ -29,11 +30,7 @@ struct Facts {
 
 fn facts(path: &Path) -> anyhow::Result<Facts> {
     if path.is_dir() {
-        let (header, manifest) = if path.join(names::MANIFEST).is_file() {
-            field::read_manifest(path)?
-        } else {
-            return Err(vlf::format::Fault::Foreign.in_file(path.display()).into());
-        };
+        let (header, manifest) = field::read_manifest(&Disk::new(path))?;
         let size = |name: &str| files_below(&path.join(name));
         let textures = size(&names::textures(manifest.cycle));
         let mirrors =
@@ -46,13 +43,13 @@ fn facts(path: &Path) -> anyhow::Result<Facts> {
         ];
         return Ok(Facts { manifest, id: header.field, parts, surfaces: header.surfaces });
     }
-    let name = path.display().to_string();
-    let directory = field::read_directory(path)?;
-    if directory.header.kind != FileKind::Pack {
-        let fault = vlf::format::Fault::invalid("not a packed field nor a field directory");
-        return Err(fault.in_file(name).into());
-    }
-    let manifest = pack_manifest(path, &name, &directory)?;
+    let mut file = files::open_at(path, FileKind::Pack)?;
+    let entry = file.find(ChunkKind::Record, NO_DIRECTION)?;
+    let record = file.chunk(&entry)?;
+    let in_file = |f: Fault| f.in_file(path.display());
+    let manifest: Manifest = record_from_bytes(&record).map_err(in_file)?;
+    let directory = &file.directory;
+    manifest.check(&directory.header).map_err(in_file)?;
     let stored = |kind| -> u64 {
         directory.entries.iter().filter(|e| e.id.kind == kind).map(|e| e.stored).sum()
     };
@@ -63,19 +60,6 @@ fn facts(path: &Path) -> anyhow::Result<Facts> {
     ];
     let (id, surfaces) = (directory.header.field, directory.header.surfaces);
     Ok(Facts { manifest, id, parts, surfaces })
-}
-
-fn pack_manifest(path: &Path, name: &str, directory: &Directory) -> anyhow::Result<Manifest> {
-    let in_file = |f: vlf::format::Fault| -> FormatError { f.in_file(name) };
-    let entry = *directory.find(ChunkKind::Record, NO_DIRECTION).map_err(in_file)?;
-    let end = usize::try_from(entry.offset + entry.stored)?;
-    let head = field::files::read_first(path, end)?;
-    let bytes = container::decode(
-        &directory.header.field,
-        &entry,
-        head.get(entry.offset as usize..end).unwrap_or_default(),
-    );
-    Ok(record_from_bytes(&bytes.map_err(in_file)?).map_err(in_file)?)
 }
 
 /// Bytes of a file, or of all files below a folder; what is not there has none.
@@ -92,7 +76,7 @@ fn hex(bytes: &[u8]) -> String {
 
 /// Where an unfinished bake stands, in words.
 pub fn standing(path: &Path) -> anyhow::Result<String> {
-    let (_, m) = field::read_manifest(path)?;
+    let (_, m) = field::read_manifest(&Disk::new(path))?;
     let (done, all) = (m.done_count(), m.parameters.directions);
     Ok(match m.phase {
         Phase::Propagating => format!("in cycle {}, at direction {done} of {all}", m.cycle + 1),

@@ -1,92 +1,184 @@
-//! Files: read whole, published by rename, never edited.
+//! Reading a field's files: whole, by chunk, or block by block.
 
 use super::FieldError;
-use crate::format::names;
-use std::fs::{self, File};
-use std::io::{Read, Write};
-use std::path::Path;
+use super::storage::disk::Disk;
+use super::storage::{Input, Storage};
+use crate::format::container::{
+    self, ChunkEntry, ChunkKind, Codec, Directory, FileKind, Header, chunk_hasher,
+};
+use crate::format::{Fault, FormatError};
+use std::hash::Hasher;
+use std::path::{Path, PathBuf};
 
-/// Writes a file under a temporary name beside `path`, then renames it there. The bytes and the rename
-/// have reached the disk when this returns.
+/// Bytes that are read at once where a chunk comes in blocks; a multiple of everything's size.
+pub const BLOCK: usize = 1 << 18;
+
+/// First bytes that most files' directories fit into.
+const HEAD: u64 = 4096;
+
+/// A file of a field, its first block and directory checked.
+pub struct Opened {
+    /// Its place, for messages.
+    pub path: PathBuf,
+    /// First block and directory.
+    pub directory: Directory,
+    input: Box<dyn Input>,
+}
+
+/// Opens a file and checks its first block and directory, and that it is of a kind.
 ///
 /// # Errors
-/// Of the system; `path` is then as it was.
-pub fn publish(path: &Path, bytes: &[u8]) -> Result<(), FieldError> {
-    let temporary = path.with_extension("tmp");
-    let write = || {
-        let mut file = File::create(&temporary)?;
-        file.write_all(bytes)?;
-        file.sync_all()
+/// When it is missing, damaged or of another kind.
+pub fn open(storage: &dyn Storage, name: &str, kind: FileKind) -> Result<Opened, FieldError> {
+    let path = storage.place().join(name);
+    let failed = |e| FieldError::io("read", &path)(e);
+    let mut input = storage.open(name).map_err(failed)?;
+    let length = input.length().map_err(failed)?;
+    let mut read = |bytes: u64| {
+        let mut head = vec![0; length.min(bytes) as usize];
+        input.read_exact_at(0, &mut head).map_err(FieldError::io("read", &path))?;
+        Ok::<_, FieldError>(head)
     };
-    write().map_err(FieldError::io("write", &temporary))?;
-    fs::rename(&temporary, path).map_err(FieldError::io("publish", path))?;
-    let Some(folder) = path.parent() else { return Ok(()) };
-    let sync = || File::open(folder)?.sync_all();
-    sync().map_err(FieldError::io("sync", folder))
+    let in_file = |f: Fault| FieldError::Format(f.in_file(path.display()));
+    let mut head = read(HEAD)?;
+    let needed = Directory::length(&head, length).map_err(in_file)?;
+    if needed > head.len() {
+        head = read(needed as u64)?;
+    }
+    let directory = Directory::parse(&head, length).map_err(in_file)?;
+    directory.is_of(kind).map_err(in_file)?;
+    Ok(Opened { directory, input, path })
+}
+
+/// The same for a file anywhere, such as a pack.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_at(path: &Path, kind: FileKind) -> Result<Opened, FieldError> {
+    let folder = path.parent().filter(|p| *p != Path::new("")).unwrap_or(Path::new("."));
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    open(&Disk::new(folder), &name, kind)
+}
+
+impl Opened {
+    /// Refuses a sound file that has come from another place: of another field, generation or
+    /// direction than `header`'s.
+    ///
+    /// # Errors
+    /// When it has.
+    pub fn belongs(self, header: &Header) -> Result<Opened, FieldError> {
+        let own = &self.directory.header;
+        let what = if own.field != header.field {
+            "belongs to another field".to_owned()
+        } else if (own.generation, own.direction) != (header.generation, header.direction) {
+            format!("belongs to generation {}, direction {}", own.generation, own.direction)
+        } else {
+            return Ok(self);
+        };
+        Err(self.fault(Fault::invalid(what)))
+    }
+
+    /// The entry of a chunk.
+    ///
+    /// # Errors
+    /// When there is none of that kind and direction.
+    pub fn find(&self, kind: ChunkKind, direction: u32) -> Result<ChunkEntry, FieldError> {
+        Ok(*self.directory.find(kind, direction).map_err(|f| self.fault(f))?)
+    }
+
+    /// A chunk, verified and decoded.
+    ///
+    /// # Errors
+    /// When it is damaged, or the system refuses.
+    pub fn chunk(&mut self, entry: &ChunkEntry) -> Result<Vec<u8>, FieldError> {
+        let mut stored = Vec::new();
+        stored.try_reserve_exact(entry.stored as usize).map_err(|_| self.too_large(entry))?;
+        stored.resize(entry.stored as usize, 0);
+        self.read(entry.offset, &mut stored)?;
+        match container::decode(&self.directory.header.field, entry, &stored) {
+            Ok(std::borrow::Cow::Borrowed(_)) => {}
+            Ok(std::borrow::Cow::Owned(raw)) => return Ok(raw),
+            Err(f) => return Err(self.fault(f)),
+        }
+        Ok(stored)
+    }
+
+    /// Hands a raw chunk over in blocks of [`BLOCK`] bytes. Whether it is sound is known at the end.
+    ///
+    /// # Errors
+    /// When it is damaged or not raw, `take` does not like it, or the system refuses.
+    pub fn blocks(
+        &mut self,
+        entry: &ChunkEntry,
+        mut take: impl FnMut(&[u8]) -> Result<(), Fault>,
+    ) -> Result<(), FieldError> {
+        if entry.codec != Codec::Raw {
+            return Err(self.fault(Fault::invalid(format!("{:?} is not raw", entry.id.kind))));
+        }
+        let mut hasher = chunk_hasher(&self.directory.header.field, entry.id);
+        let mut block = vec![0; BLOCK.min(entry.stored as usize)];
+        let (mut at, end) = (entry.offset, entry.offset + entry.stored);
+        let mut liked = Ok(());
+        while at < end {
+            let length = (end - at).min(BLOCK as u64) as usize;
+            let part = &mut block[..length];
+            self.input.read_exact_at(at, part).map_err(FieldError::io("read", &self.path))?;
+            hasher.write(part);
+            if liked.is_ok() {
+                liked = take(part);
+            }
+            at += length as u64;
+        }
+        if hasher.finish() != entry.hash {
+            let what = format!("{:?} of direction {}", entry.id.kind, entry.id.direction);
+            return Err(self.fault(Fault::Checksum { what, offset: entry.offset }));
+        }
+        liked.map_err(|f| self.fault(f))
+    }
+
+    fn read(&mut self, at: u64, into: &mut [u8]) -> Result<(), FieldError> {
+        self.input.read_exact_at(at, into).map_err(FieldError::io("read", &self.path))
+    }
+
+    fn fault(&self, fault: Fault) -> FieldError {
+        FieldError::Format(FormatError { file: self.path.display().to_string(), fault })
+    }
+
+    fn too_large(&self, entry: &ChunkEntry) -> FieldError {
+        let limit = isize::MAX as u64;
+        self.fault(Fault::Limit { what: "chunk length", value: entry.stored, limit })
+    }
 }
 
 /// A whole file.
 ///
 /// # Errors
 /// When it is missing, no regular file, or the system refuses.
-pub fn read(path: &Path) -> Result<Vec<u8>, FieldError> {
-    let open = || {
-        let file = File::open(path)?;
-        if !file.metadata()?.is_file() {
-            return Err(std::io::Error::other("not a regular file"));
-        }
-        Ok(file)
+pub fn read(storage: &dyn Storage, name: &str) -> Result<Vec<u8>, FieldError> {
+    let path = storage.place().join(name);
+    let whole = || {
+        let mut input = storage.open(name)?;
+        let mut bytes = Vec::new();
+        let length = input.length()?;
+        bytes.try_reserve_exact(length as usize).map_err(std::io::Error::other)?;
+        bytes.resize(length as usize, 0);
+        input.read_exact_at(0, &mut bytes)?;
+        Ok(bytes)
     };
-    let mut file = open().map_err(FieldError::io("read", path))?;
-    let mut bytes = Vec::new();
-    file.read_to_end(&mut bytes).map_err(FieldError::io("read", path))?;
-    Ok(bytes)
+    whole().map_err(FieldError::io("read", &path))
 }
 
-/// The beginning of a file.
-pub struct Head {
-    /// Its first bytes, at most 4 KiB.
-    pub bytes: Vec<u8>,
-    /// Its length.
-    pub file_len: u64,
-}
-
-/// The first bytes of a file and its length.
+/// One chunk of a file, verified and decoded.
 ///
 /// # Errors
-/// Of the system.
-pub fn read_head(path: &Path) -> Result<Head, FieldError> {
-    let file_len = fs::metadata(path).map_err(FieldError::io("read", path))?.len();
-    Ok(Head { bytes: read_first(path, 4096)?, file_len })
-}
-
-/// The first `length` bytes of a file, fewer when it is shorter.
-///
-/// # Errors
-/// Of the system.
-pub fn read_first(path: &Path, length: usize) -> Result<Vec<u8>, FieldError> {
-    let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|f| f.take(length as u64).read_to_end(&mut bytes))
-        .map_err(FieldError::io("read", path))?;
-    Ok(bytes)
-}
-
-/// Whether a directory holds nothing but what a field's writer puts there: an empty one, a field, or
-/// one whose making was stopped before its first commit.
-///
-/// # Errors
-/// Of the system.
-pub fn only_ours(path: &Path) -> Result<bool, FieldError> {
-    if path.join(names::MANIFEST).is_file() {
-        return Ok(true);
-    }
-    let first_names = [names::LOCK, names::SCENE, "scene.tmp", "manifest.tmp"];
-    for entry in fs::read_dir(path).map_err(FieldError::io("list", path))? {
-        let entry = entry.map_err(FieldError::io("list", path))?;
-        if !first_names.iter().any(|n| entry.file_name() == *n) {
-            return Ok(false);
-        }
-    }
-    Ok(true)
+/// When the file is missing, damaged or of another kind, or has no such chunk.
+pub fn read_chunk(
+    storage: &dyn Storage,
+    name: &str,
+    file: FileKind,
+    (kind, direction): (ChunkKind, u32),
+) -> Result<Vec<u8>, FieldError> {
+    let mut opened = open(storage, name, file)?;
+    let entry = opened.find(kind, direction)?;
+    opened.chunk(&entry)
 }

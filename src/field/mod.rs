@@ -1,27 +1,31 @@
 //! Act one, kept: a field in the making, as a directory of immutable files.
 //!
-//! In: what the bake makes; out: files, each written under a temporary name and renamed, and one
-//! commit record, the manifest. What the manifest does not name is not there. One writer at a time
-//! holds the lock; readers take nothing.
+//! In: what the bake makes; out: files, each written once, and a commit record, the manifest. What the
+//! manifest does not name is not there. The commit before is kept whole until the next one has
+//! reached the disk. One writer at a time; readers take nothing.
+//!
+//! [`storage`] is where the files lie, [`files`] reads them, [`commit`] writes them, [`writer`] does so
+//! behind the bake's back, and [`pages`] reads ahead of it.
+
+pub mod storage;
 
 pub mod files;
+
+pub mod commit;
 
 pub mod pages;
 
 pub mod writer;
 
-use crate::format::container::{
-    self, ChunkId, ChunkKind, Codec, Directory, FileKind, Header, NO_DIRECTION,
-};
+use crate::format::container::{FileKind, Header, NO_DIRECTION};
 use crate::format::manifest::{Manifest, Parameters, Phase, Statistics, header};
-use crate::format::{Fault, FormatError, names};
-use crate::radiance::Rgb;
+use crate::format::{FormatError, names};
 use crate::scene::{Scene, stored};
-use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64};
+use storage::{Lock, LockError, Storage};
 use twox_hash::XxHash3_128;
 
 /// Revision of the algorithm: raised whenever the same scene and parameters give other bits.
@@ -41,12 +45,50 @@ pub enum FieldError {
         /// The system's answer.
         source: Arc<io::Error>,
     },
+    /// No room for a file.
+    #[error(
+        "{path}: the disk is full ({source}). The field is intact as of its last commit; free some \
+         space and run the same command again"
+    )]
+    Full {
+        /// The file that was being written.
+        path: PathBuf,
+        /// The system's answer.
+        source: Arc<io::Error>,
+    },
+    /// The disk did not take what the system had taken for it.
+    #[error(
+        "{path}: the storage reported a failed flush ({source}). What was done since the last commit \
+         is not trusted; check the disk, then run the same command again"
+    )]
+    Flush {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's answer.
+        source: Arc<io::Error>,
+    },
+    /// Nothing is written after a write has failed.
+    #[error("{0}: not written, since an earlier write failed")]
+    Poisoned(PathBuf),
     /// A file of the field is damaged or not what it should be.
     #[error(transparent)]
     Format(#[from] FormatError),
     /// Another process bakes it.
-    #[error("{0}: is being baked by another process; wait for it or stop it")]
-    Locked(PathBuf),
+    #[error("{path}: is being baked by {who}; wait for it or stop it")]
+    Locked {
+        /// The field.
+        path: PathBuf,
+        /// Who holds it, as it says itself.
+        who: String,
+    },
+    /// Two bakes could not be kept apart.
+    #[error("{path}: cannot be locked ({source}); if no other bake writes there, use --no-lock")]
+    NoLocks {
+        /// The field.
+        path: PathBuf,
+        /// The system's answer.
+        source: Arc<io::Error>,
+    },
     /// Something else is where the field should be.
     #[error("{0}: exists and is not a VLF field; nothing was changed. Choose another name")]
     Foreign(PathBuf),
@@ -66,26 +108,50 @@ pub enum FieldError {
 impl FieldError {
     /// For `map_err` on an operation on a file.
     pub fn io<'a>(doing: &'static str, path: &'a Path) -> impl FnOnce(io::Error) -> Self + use<'a> {
-        move |e| FieldError::Io { doing, path: path.to_owned(), source: Arc::new(e) }
+        move |e| {
+            let (path, source) = (path.to_owned(), Arc::new(e));
+            match source.kind() {
+                io::ErrorKind::StorageFull
+                | io::ErrorKind::QuotaExceeded
+                | io::ErrorKind::FileTooLarge => FieldError::Full { path, source },
+                _ => FieldError::Io { doing, path, source },
+            }
+        }
     }
 }
 
 /// A field that this process may write.
 pub struct Field {
-    path: PathBuf,
+    storage: Arc<dyn Storage>,
     manifest: Manifest,
+    /// The last two commits, the newer one last; their files are kept.
+    committed: Vec<Manifest>,
     header: Header,
+    terms: Terms,
     bytes_written: AtomicU64,
-    /// Held, not read: closing it gives the lock back.
-    _lock: File,
+    /// Whether a write has failed. Nothing is written then any more.
+    poisoned: AtomicBool,
+    /// Folders with names that have not been synced.
+    unsynced: std::sync::Mutex<std::collections::BTreeSet<String>>,
+    /// What the user should know of how it was found.
+    notice: Option<String>,
+    /// Held, not read: dropping it gives the lock back.
+    _lock: Option<Lock>,
 }
 
-/// Texture maps of one generation, two values a texel.
-pub struct Textures {
-    /// P^T.
-    pub total: Vec<Rgb>,
-    /// P^C, what is still to be shot.
-    pub current: Vec<Rgb>,
+/// On what terms a field is written. None of it changes a bit of the field.
+#[derive(Clone, Copy, Debug)]
+pub struct Terms {
+    /// Whether a commit, and all that it names, has reached the disk when it is done.
+    pub sync: bool,
+    /// Whether the folder is locked against other writers.
+    pub lock: bool,
+}
+
+impl Default for Terms {
+    fn default() -> Terms {
+        Terms { sync: true, lock: true }
+    }
 }
 
 fn hash(bytes: &[u8]) -> [u8; 16] {
@@ -110,18 +176,20 @@ fn difference(old: &Manifest, new: &Manifest) -> Option<String> {
 }
 
 impl Field {
-    /// Begins a field at `path`, or takes up the unfinished or finished one that is there if it is
-    /// the same bake. `exponent` scales stored radiance, see [`crate::format::tiles::exponent_for`].
+    /// Begins a field, or takes up the unfinished or finished one that is there if it is the same
+    /// bake. `exponent` scales stored radiance, see [`crate::format::tiles::exponent_for`].
     ///
     /// # Errors
     /// When something else is there, another process bakes it, it was begun differently, its commit
-    /// record is damaged, or the system refuses. Nothing that was there is changed then.
+    /// records are damaged, or the system refuses. Nothing that was there is changed then.
     pub fn create_or_resume(
-        path: &Path,
+        storage: Arc<dyn Storage>,
         scene: &Scene,
         parameters: &Parameters,
         exponent: i32,
+        terms: Terms,
     ) -> Result<Field, FieldError> {
+        let path = storage.place().to_owned();
         let scene_bytes = stored::to_bytes(scene);
         let fresh = Manifest {
             revision: REVISION,
@@ -144,54 +212,74 @@ impl Field {
         .map_err(|f| f.in_file(path.display()))?;
         let surfaces = scene.surfaces.len() as u32;
         let place = (0, NO_DIRECTION);
-        let manifest_header =
+        let fresh_header =
             header(FileKind::Manifest, hash(&record), parameters, surfaces, exponent, place);
 
-        match fs::symlink_metadata(path) {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => {
-                fs::create_dir_all(path).map_err(FieldError::io("create the field", path))?;
-            }
-            Err(e) => return Err(FieldError::io("look at", path)(e)),
-            Ok(_) if path.is_dir() && files::only_ours(path)? => {}
-            Ok(_) => return Err(FieldError::Foreign(path.to_owned())),
+        if !may_be_field(&*storage)? {
+            return Err(FieldError::Foreign(path));
         }
-        let lock_path = path.join(names::LOCK);
-        let lock = File::options()
-            .create(true)
-            .truncate(false)
-            .write(true)
-            .open(&lock_path)
-            .map_err(FieldError::io("create", &lock_path))?;
-        lock.try_lock().map_err(|e| match e {
-            TryLockError::WouldBlock => FieldError::Locked(path.to_owned()),
-            TryLockError::Error(e) => FieldError::io("lock", &lock_path)(e),
-        })?;
+        storage.make().map_err(FieldError::io("create the field", &path))?;
+        let lock = if terms.lock { Some(locked(&*storage)?) } else { None };
 
-        let manifest_path = path.join(names::MANIFEST);
-        let (manifest, header, begun) = if manifest_path.exists() {
-            let (header, manifest) = read_manifest(path)?;
+        let files = manifest_files(&*storage)?;
+        let (manifest, header, notice, begun) = if files.iter().any(Option::is_some) {
+            let (header, manifest, fault) = Manifest::newest(&path.display().to_string(), files)?;
             if let Some(what) = difference(&manifest, &fresh) {
-                return Err(FieldError::Identity { path: path.to_owned(), what });
+                return Err(FieldError::Identity { path, what });
             }
-            (manifest, header, true)
+            let notice = fault.map(|fault| {
+                let sequence = manifest.sequence;
+                format!(
+                    "a commit record is damaged, using the other one (commit {sequence}): {fault}"
+                )
+            });
+            (manifest, header, notice, true)
         } else {
-            (fresh, manifest_header, false)
+            (fresh, fresh_header, None, false)
         };
-        let bytes_written = AtomicU64::new(0);
-        let mut field =
-            Field { path: path.to_owned(), manifest, header, bytes_written, _lock: lock };
-        if !begun {
-            let id = ChunkId { kind: ChunkKind::Scene, cycle: 0, direction: NO_DIRECTION };
-            let head = field.header_of(FileKind::Scene, place);
-            field.publish(names::SCENE, head, &[(id, Codec::Zstd, &scene_bytes)])?;
+        let mut field = Field {
+            storage,
+            committed: if begun { vec![manifest.clone()] } else { Vec::new() },
+            manifest,
+            header,
+            terms,
+            bytes_written: AtomicU64::new(0),
+            poisoned: AtomicBool::new(false),
+            unsynced: std::sync::Mutex::default(),
+            notice,
+            _lock: lock,
+        };
+        if begun {
+            field.keep_previous();
+        } else {
+            field.write_scene(&scene_bytes)?;
             field.commit()?;
         }
         Ok(field)
     }
 
+    /// The commit before the one taken up, if it is sound: its files stay until the next commit.
+    fn keep_previous(&mut self) {
+        let name = names::manifest(self.manifest.sequence + 1);
+        let Ok(bytes) = files::read(&*self.storage, name) else { return };
+        if let Ok((_, before)) = Manifest::from_file(name, &bytes) {
+            self.committed.insert(0, before);
+        }
+    }
+
     /// Where it is.
     pub fn path(&self) -> &Path {
-        &self.path
+        self.storage.place()
+    }
+
+    /// Its files.
+    pub fn storage(&self) -> &dyn Storage {
+        &*self.storage
+    }
+
+    /// Its files, for someone who outlives this.
+    pub fn shared_storage(&self) -> Arc<dyn Storage> {
+        self.storage.clone()
     }
 
     /// What is committed, with changes that the next commit will write.
@@ -204,281 +292,80 @@ impl Field {
         &mut self.manifest
     }
 
+    /// What the user should know of the state it was found in.
+    pub fn notice(&self) -> Option<&str> {
+        self.notice.as_deref()
+    }
+
     /// First block of the field's files, apart from what the file is.
     pub fn header_of(&self, kind: FileKind, (generation, direction): (u32, u32)) -> Header {
         Header { kind, generation, direction, ..self.header.clone() }
     }
-
-    fn encode(
-        &self,
-        path: &Path,
-        header: Header,
-        chunks: &[(ChunkId, Codec, &[u8])],
-    ) -> Result<Vec<u8>, FieldError> {
-        let bytes =
-            container::to_bytes(header, chunks).map_err(FieldError::io("compress", path))?;
-        self.bytes_written.fetch_add(bytes.len() as u64, Ordering::Relaxed);
-        Ok(bytes)
-    }
-
-    fn publish(
-        &self,
-        name: &str,
-        header: Header,
-        chunks: &[(ChunkId, Codec, &[u8])],
-    ) -> Result<(), FieldError> {
-        let path = self.path.join(name);
-        files::publish(&path, &self.encode(&path, header, chunks)?)
-    }
-
-    /// Writes the tile file of a direction into a folder that is not published yet; see
-    /// [`Field::begin_folder`].
-    ///
-    /// # Errors
-    /// Of the system.
-    pub fn write_tiles(
-        &self,
-        folder: &str,
-        (generation, direction): (u32, u32),
-        maps: &[(ChunkKind, &[u8])],
-    ) -> Result<(), FieldError> {
-        let chunks: Vec<_> = maps
-            .iter()
-            .map(|(kind, bytes)| {
-                (ChunkId { kind: *kind, cycle: generation, direction }, Codec::Raw, *bytes)
-            })
-            .collect();
-        let header = self.header_of(FileKind::Tiles, (generation, direction));
-        let path = names::tiles(&self.path, &names::unpublished(folder), direction);
-        let bytes = self.encode(&path, header, &chunks)?;
-        fs::write(&path, bytes).map_err(FieldError::io("write", &path))
-    }
-
-    /// Makes a folder for tile files. What is written there is not part of the field before
-    /// [`Field::publish_folder`].
-    ///
-    /// # Errors
-    /// Of the system.
-    pub fn begin_folder(&self, folder: &str) -> Result<(), FieldError> {
-        let (path, published) =
-            (self.path.join(names::unpublished(folder)), self.path.join(folder));
-        // A run that was killed between publishing and its commit: the commit does not know of it.
-        if published.is_dir() {
-            return fs::rename(&published, &path).map_err(FieldError::io("take back", &published));
-        }
-        fs::create_dir_all(&path).map_err(FieldError::io("create", &path))
-    }
-
-    /// Gives a folder whose tile files are all written its name.
-    ///
-    /// # Errors
-    /// Of the system.
-    pub fn publish_folder(&self, folder: &str) -> Result<(), FieldError> {
-        let (from, to) = (self.path.join(names::unpublished(folder)), self.path.join(folder));
-        match fs::rename(&from, &to) {
-            // A run that was killed right after the renaming did not come to its commit.
-            Err(e) if e.kind() == io::ErrorKind::NotFound && to.is_dir() => Ok(()),
-            result => result.map_err(FieldError::io("publish", &from)),
-        }
-    }
-
-    /// Writes the texture maps of a generation.
-    ///
-    /// # Errors
-    /// Of the system.
-    pub fn write_textures(&self, generation: u32, textures: &Textures) -> Result<(), FieldError> {
-        let id = |kind| ChunkId { kind, cycle: generation, direction: NO_DIRECTION };
-        let bytes = |values: &[Rgb]| crate::scene::texels::to_bytes(values);
-        let (total, current) = (bytes(&textures.total), bytes(&textures.current));
-        // Stored as they are: the field's digest must not depend on a compressor's version.
-        let chunks = [
-            (id(ChunkKind::TotalTexture), Codec::Raw, total.as_slice()),
-            (id(ChunkKind::CurrentTexture), Codec::Raw, current.as_slice()),
-        ];
-        let header = self.header_of(FileKind::Textures, (generation, NO_DIRECTION));
-        self.publish(&names::textures(generation), header, &chunks)
-    }
-
-    /// Reads the texture maps of a generation.
-    ///
-    /// # Errors
-    /// When the file is missing, damaged, or does not hold `values` values.
-    pub fn read_textures(&self, generation: u32, values: usize) -> Result<Textures, FieldError> {
-        let path = self.path.join(names::textures(generation));
-        let read = |kind| -> Result<Vec<Rgb>, FieldError> {
-            let bytes = read_chunk(&path, FileKind::Textures, kind, NO_DIRECTION)?;
-            let values = crate::scene::texels::from_bytes(&bytes, values);
-            Ok(values.map_err(|f| f.in_file(path.display()))?)
-        };
-        let total = read(ChunkKind::TotalTexture)?;
-        Ok(Textures { total, current: read(ChunkKind::CurrentTexture)? })
-    }
-
-    /// Writes the sums of the cycle under way for the next commit.
-    ///
-    /// # Errors
-    /// Of the system.
-    pub fn write_sums(&mut self, bytes: &[u8]) -> Result<(), FieldError> {
-        let cycle = self.manifest.cycle;
-        let id = ChunkId { kind: ChunkKind::Sums, cycle, direction: NO_DIRECTION };
-        let header = self.header_of(FileKind::Sums, (cycle, NO_DIRECTION));
-        let name = names::sums(self.manifest.sequence + 1);
-        self.publish(&name, header, &[(id, Codec::Zstd, bytes)])?;
-        self.manifest.has_sums = true;
-        Ok(())
-    }
-
-    /// Reads the committed sums.
-    ///
-    /// # Errors
-    /// When the file is missing or damaged.
-    pub fn read_sums(&self) -> Result<Vec<u8>, FieldError> {
-        let path = self.path.join(names::sums(self.manifest.sequence));
-        read_chunk(&path, FileKind::Sums, ChunkKind::Sums, NO_DIRECTION)
-    }
-
-    /// Commits the manifest: from here on this is the state of the field.
-    ///
-    /// # Errors
-    /// Of the system; the commit before stands then.
-    pub fn commit(&mut self) -> Result<(), FieldError> {
-        let mut next = self.manifest.clone();
-        next.sequence += 1;
-        next.statistics.bytes_written += self.bytes_written.swap(0, Ordering::Relaxed);
-        let path = self.path.join(names::MANIFEST);
-        let bytes = next
-            .to_file(self.header_of(FileKind::Manifest, (0, NO_DIRECTION)))
-            .map_err(|f| f.in_file(path.display()))?;
-        files::publish(&path, &bytes)?;
-        self.manifest = next;
-        Ok(())
-    }
-
-    /// Removes the tile files of a generation that the committed state no longer needs.
-    ///
-    /// # Errors
-    /// Of the system.
-    pub fn remove_maps(&self, generation: u32) -> Result<(), FieldError> {
-        let folder = self.path.join(names::generation(generation));
-        if folder.is_dir() {
-            fs::remove_dir_all(&folder).map_err(FieldError::io("remove", &folder))?;
-        }
-        Ok(())
-    }
-
-    /// Removes the texture maps of a generation that the committed state no longer needs.
-    ///
-    /// # Errors
-    /// Of the system.
-    pub fn remove_textures(&self, generation: u32) -> Result<(), FieldError> {
-        let textures = self.path.join(names::textures(generation));
-        if textures.is_file() {
-            fs::remove_file(&textures).map_err(FieldError::io("remove", &textures))?;
-        }
-        Ok(())
-    }
-
-    /// Removes what a run that was killed right after a commit did not come to remove.
-    ///
-    /// # Errors
-    /// Of the system.
-    pub fn remove_stale(&self) -> Result<(), FieldError> {
-        let Manifest { cycle, phase, has_sums, .. } = self.manifest;
-        if cycle > 0 {
-            self.remove_maps(cycle - 1)?;
-            self.remove_textures(cycle - 1)?;
-        }
-        if phase == Phase::Finished {
-            self.remove_maps(cycle)?;
-        }
-        if has_sums { Ok(()) } else { self.remove_sums() }
-    }
-
-    /// Removes the files of sums.
-    ///
-    /// # Errors
-    /// Of the system.
-    pub fn remove_sums(&self) -> Result<(), FieldError> {
-        for sequence in 0..2 {
-            let path = self.path.join(names::sums(sequence));
-            if path.is_file() {
-                fs::remove_file(&path).map_err(FieldError::io("remove", &path))?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Digest of the finished field: a hash over the scene's, the textures' and every direction's
-    /// chunk hashes, in order. The same scene and parameters give the same digest on every run.
-    ///
-    /// # Errors
-    /// When a file is missing or damaged.
-    pub fn digest(&self) -> Result<[u8; 16], FieldError> {
-        let mut hashes = self.manifest.scene_hash.to_vec();
-        let mut add = |path: PathBuf| -> Result<(), FieldError> {
-            for entry in read_directory(&path)?.entries {
-                hashes.extend(entry.hash.to_le_bytes());
-            }
-            Ok(())
-        };
-        add(self.path.join(names::textures(self.manifest.cycle)))?;
-        for direction in 0..self.manifest.parameters.directions {
-            add(names::tiles(&self.path, names::TOTAL, direction))?;
-        }
-        Ok(hash(&hashes))
-    }
 }
 
-/// The commit record of the field at `path`.
-///
-/// # Errors
-/// When there is none, or it is damaged.
-pub fn read_manifest(path: &Path) -> Result<(Header, Manifest), FieldError> {
-    let file = path.join(names::MANIFEST);
-    let bytes = files::read(&file)?;
-    Ok(Manifest::from_file(&file.display().to_string(), &bytes)?)
-}
-
-/// First block and directory of a file.
-///
-/// # Errors
-/// When it is missing or damaged.
-pub fn read_directory(path: &Path) -> Result<Directory, FieldError> {
-    let head = files::read_head(path)?;
-    let parse = || {
-        let length = Directory::length(&head.bytes, head.file_len)?;
-        let start = if length <= head.bytes.len() { None } else { Some(length) };
-        Ok(start)
+/// Whether a field is there, or may be made there: nothing, an empty folder, a field, or one whose
+/// making was stopped before its first commit.
+fn may_be_field(storage: &dyn Storage) -> Result<bool, FieldError> {
+    let names = match storage.list("") {
+        Ok(names) => names,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(true),
+        Err(e) if e.kind() == io::ErrorKind::NotADirectory => return Ok(false),
+        Err(e) => return Err(FieldError::io("list", storage.place())(e)),
     };
-    let longer: Option<usize> = parse().map_err(|f: Fault| f.in_file(path.display()))?;
-    let bytes = match longer {
-        None => head.bytes,
-        Some(length) => files::read_first(path, length)?,
-    };
-    Directory::parse(&bytes, head.file_len).map_err(|f| f.in_file(path.display()).into())
+    let is_begun = names.iter().any(|n| names::MANIFESTS.contains(&n.as_str()));
+    let is_first = |n: &String| n == names::LOCK || n == names::SCENE || n.ends_with(".tmp");
+    Ok(names.iter().all(|n| names::is_ours(n) && (is_begun || is_first(n))))
 }
 
-/// One chunk of a file, verified and decoded.
+fn locked(storage: &dyn Storage) -> Result<Lock, FieldError> {
+    let since = std::time::UNIX_EPOCH.elapsed().map_or(0, |t| t.as_secs()) % 86_400;
+    let note = format!(
+        "process {} on {} since {:02}:{:02} UTC",
+        std::process::id(),
+        gethostname::gethostname().to_string_lossy(),
+        since / 3600,
+        since / 60 % 60
+    );
+    let path = storage.place().to_owned();
+    storage.lock(&note).map_err(|e| match e {
+        LockError::Held(who) if who.is_empty() => {
+            FieldError::Locked { path, who: "another process".to_owned() }
+        }
+        LockError::Held(who) => FieldError::Locked { path, who: who.escape_debug().to_string() },
+        LockError::Unsupported(e) => FieldError::NoLocks { path, source: Arc::new(e) },
+    })
+}
+
+type ManifestFiles = [Option<(String, Vec<u8>)>; 2];
+
+/// The files of both commit records, where they are there.
+fn manifest_files(storage: &dyn Storage) -> Result<ManifestFiles, FieldError> {
+    let read = |name: &str| match files::read(storage, name) {
+        Ok(bytes) => Ok(Some((storage.place().join(name).display().to_string(), bytes))),
+        Err(FieldError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(e),
+    };
+    let [first, second] = names::MANIFESTS;
+    Ok([read(first)?, read(second)?])
+}
+
+/// The state of the field in a storage: its newest sound commit record.
 ///
 /// # Errors
-/// When the file is missing, damaged or of another kind, or has no such chunk.
-pub fn read_chunk(
-    path: &Path,
-    file: FileKind,
-    kind: ChunkKind,
-    direction: u32,
-) -> Result<Vec<u8>, FieldError> {
-    let bytes = files::read(path)?;
-    let directory = container::open(&path.display().to_string(), &bytes, file)?;
-    let chunk = || directory.chunk(&bytes, directory.find(kind, direction)?);
-    Ok(chunk().map_err(|f| f.in_file(path.display()))?.into_owned())
+/// When there is none, or none is sound.
+pub fn read_manifest(storage: &dyn Storage) -> Result<(Header, Manifest), FieldError> {
+    let files = manifest_files(storage)?;
+    let (header, manifest, _) = Manifest::newest(&storage.place().display().to_string(), files)?;
+    Ok((header, manifest))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::storage::memory::Memory;
     use super::*;
+    use crate::format::container::ChunkKind;
     use crate::format::tiles::exponent_for;
-    use tempfile::TempDir;
+    use crate::radiance::Rgb;
 
     fn parameters() -> Parameters {
         Parameters {
@@ -494,94 +381,120 @@ mod tests {
         }
     }
 
-    fn create(path: &Path, parameters: &Parameters) -> Result<Field, FieldError> {
+    fn create(storage: &Arc<Memory>, parameters: &Parameters) -> Result<Field, FieldError> {
         let (scene, _) = Scene::bundled("cornell").unwrap();
-        Field::create_or_resume(path, &scene, parameters, exponent_for(1.0))
+        let (storage, terms) = (storage.clone(), Terms::default());
+        Field::create_or_resume(storage, &scene, parameters, exponent_for(1.0), terms)
+    }
+
+    fn sums(field: &Field) -> Vec<u8> {
+        let mut all = Vec::new();
+        field
+            .read_sums(|block| {
+                all.extend_from_slice(block);
+                Ok(())
+            })
+            .unwrap();
+        all
+    }
+
+    fn write_sums(field: &mut Field, bytes: &[u8]) {
+        field.write_sums(bytes.len() as u64, [bytes.to_vec()].into_iter()).unwrap();
     }
 
     #[test]
     fn what_is_not_committed_is_not_there_after_a_crash() {
-        let folder = TempDir::new().unwrap();
-        let path = folder.path().join("a.field");
-        let mut field = create(&path, &parameters()).unwrap();
-        let sums = |field: &Field| field.read_sums().unwrap();
-        field.write_sums(b"first").unwrap();
+        let storage = Arc::new(Memory::default());
+        let mut field = create(&storage, &parameters()).unwrap();
+        write_sums(&mut field, b"first");
         field.manifest_mut().mark_done(3);
         field.commit().unwrap();
-        // Written and never committed: the next commit's sums are under the other name.
-        field.write_sums(b"second").unwrap();
+        // Written and never committed.
+        write_sums(&mut field, b"second");
         field.manifest_mut().mark_done(4);
         drop(field);
-        let mut field = create(&path, &parameters()).unwrap();
+        let mut field = create(&storage, &parameters()).unwrap();
         assert_eq!(sums(&field), b"first");
         assert!(field.manifest().is_done(3) && !field.manifest().is_done(4));
-        field.write_sums(b"third").unwrap();
+        write_sums(&mut field, b"third");
         field.commit().unwrap();
         assert_eq!(sums(&field), b"third");
     }
 
     #[test]
-    fn a_folder_is_there_whole_or_not_at_all() {
-        let folder = TempDir::new().unwrap();
-        let path = folder.path().join("a.field");
-        let field = create(&path, &parameters()).unwrap();
-        field.begin_folder("unshot-0001").unwrap();
-        field.write_tiles("unshot-0001", (1, 5), &[(ChunkKind::Unshot, b"x")]).unwrap();
-        assert!(!path.join("unshot-0001").exists());
-        field.publish_folder("unshot-0001").unwrap();
-        let file = names::tiles(&path, "unshot-0001", 5);
-        let chunk = read_chunk(&file, FileKind::Tiles, ChunkKind::Unshot, 5).unwrap();
-        assert_eq!(chunk, b"x");
-        // Killed before its commit, a run publishes it again, or goes on writing into it.
-        field.publish_folder("unshot-0001").unwrap();
-        field.begin_folder("unshot-0001").unwrap();
-        assert!(!path.join("unshot-0001").exists());
-        field.publish_folder("unshot-0001").unwrap();
-        assert!(file.is_file());
+    fn a_damaged_commit_record_costs_one_commit() {
+        let storage = Arc::new(Memory::default());
+        let mut field = create(&storage, &parameters()).unwrap();
+        for text in ["one", "two", "three"] {
+            write_sums(&mut field, text.as_bytes());
+            field.commit().unwrap();
+        }
+        let newest = names::manifest(field.manifest().sequence);
+        drop(field);
+        storage.edit(newest, |bytes| bytes[300] ^= 1);
+        let field = create(&storage, &parameters()).unwrap();
+        assert_eq!(sums(&field), b"two");
+        assert!(field.notice().unwrap().contains("commit 3"), "{:?}", field.notice());
+        drop(field);
+        let other = names::MANIFESTS.into_iter().find(|m| *m != newest).unwrap();
+        storage.edit(other, |bytes| bytes[300] ^= 1);
+        let before = storage.list("").unwrap();
+        let Err(error) = create(&storage, &parameters()) else { panic!("begun anew") };
+        assert!(error.to_string().contains("no valid commit record"), "{error}");
+        assert_eq!(storage.list("").unwrap(), before);
     }
 
     #[test]
-    fn leftovers_of_a_killed_run_go_and_what_is_needed_stays() {
-        let folder = TempDir::new().unwrap();
-        let path = folder.path().join("a.field");
-        let mut field = create(&path, &parameters()).unwrap();
-        for generation in [1, 2] {
+    fn files_of_the_last_two_commits_stay_and_older_ones_go() {
+        let storage = Arc::new(Memory::default());
+        let mut field = create(&storage, &parameters()).unwrap();
+        let there = || storage.list("").unwrap().into_iter().filter(|n| names::is_of_a_commit(n));
+        for generation in 1..=3 {
             field.begin_folder(&names::generation(generation)).unwrap();
-            field.publish_folder(&names::generation(generation)).unwrap();
-            let maps = Textures { total: vec![Rgb::BLACK], current: vec![Rgb::BLACK] };
-            field.write_textures(generation, &maps).unwrap();
+            let maps = [(ChunkKind::Unshot, b"x".to_vec())];
+            let place = (generation, 5);
+            field.write_tiles(&names::generation(generation), place, &maps).unwrap();
+            field.write_textures(generation, &[Rgb::BLACK], &[Rgb::BLACK]).unwrap();
+            field.manifest_mut().cycle = generation;
+            field.commit().unwrap();
         }
-        let there = || {
-            let all = [1, 2].map(|g| [names::generation(g), names::textures(g)]).concat();
-            all.iter().map(|n| path.join(n).exists()).collect::<Vec<_>>()
-        };
-        field.manifest_mut().cycle = 2;
-        field.commit().unwrap();
-        field.remove_stale().unwrap();
-        assert_eq!(there(), [false, false, true, true]);
+        let expected = ["textures-0002", "textures-0003", "unshot-0002", "unshot-0003"];
+        assert_eq!(there().collect::<Vec<_>>(), expected);
+        let read = |count| field.read_texture(3, ChunkKind::TotalTexture, count);
+        assert_eq!(read(1).unwrap(), [Rgb::BLACK]);
+        assert!(read(2).is_err());
         field.manifest_mut().phase = Phase::Finished;
         field.commit().unwrap();
-        field.remove_stale().unwrap();
-        assert_eq!(there(), [false, false, false, true]);
-        assert_eq!(field.read_textures(2, 1).unwrap().total, [Rgb::BLACK]);
-        assert!(field.read_textures(2, 2).is_err());
+        assert_eq!(there().collect::<Vec<_>>(), ["textures-0003", "unshot-0003"]);
+        field.commit().unwrap();
+        assert_eq!(there().collect::<Vec<_>>(), ["textures-0003"]);
     }
 
     #[test]
     fn one_writer_one_bake_and_nothing_of_others() {
-        let folder = TempDir::new().unwrap();
-        let path = folder.path().join("a.field");
-        let first = create(&path, &parameters()).unwrap();
-        assert!(matches!(create(&path, &parameters()), Err(FieldError::Locked(_))));
+        let folder = tempfile::TempDir::new().unwrap();
+        let (scene, _) = Scene::bundled("cornell").unwrap();
+        let create = |name: &str, parameters: &Parameters| {
+            let storage = Arc::new(storage::disk::Disk::new(&folder.path().join(name)));
+            Field::create_or_resume(storage, &scene, parameters, 0, Terms::default())
+        };
+        let first = create("a.field", &parameters()).unwrap();
+        let Err(error) = create("a.field", &parameters()) else { panic!("two writers") };
+        let own = format!("process {}", std::process::id());
+        assert!(error.to_string().contains(&own), "{error}");
+        // The lock is on the folder: a lock file that is gone or new makes no difference.
+        std::fs::remove_file(folder.path().join("a.field").join(names::LOCK)).unwrap();
+        assert!(matches!(create("a.field", &parameters()), Err(FieldError::Locked { .. })));
         drop(first);
         let other = Parameters { tile: 8, ..parameters() };
-        let Err(FieldError::Identity { what, .. }) = create(&path, &other) else { panic!() };
+        let Err(FieldError::Identity { what, .. }) = create("a.field", &other) else { panic!() };
         assert_eq!(what, "tile 16, not 8");
-        create(&path, &parameters()).unwrap();
+        create("a.field", &parameters()).unwrap();
         let theirs = folder.path().join("theirs");
-        fs::create_dir(&theirs).unwrap();
-        fs::write(theirs.join("letter"), "Dear reader").unwrap();
-        assert!(matches!(create(&theirs, &parameters()), Err(FieldError::Foreign(_))));
-        assert_eq!(fs::read_dir(&theirs).unwrap().count(), 1);
+        std::fs::create_dir(&theirs).unwrap();
+        std::fs::write(theirs.join("letter"), "Dear reader").unwrap();
+        assert!(matches!(create("theirs", &parameters()), Err(FieldError::Foreign(_))));
+        assert!(matches!(create("theirs/letter", &parameters()), Err(FieldError::Foreign(_))));
+        assert_eq!(std::fs::read_dir(&theirs).unwrap().count(), 1);
     }
 }

@@ -1,17 +1,23 @@
-//! The page cache: unshot maps of directions, read from tile files, inside a fixed budget.
+//! The page cache: tile maps of a generation, read from its files inside a fixed budget.
 //!
-//! A step of the bake gathers from the maps of directions near the mirrored one; nearby steps gather
-//! from nearby maps. Pages in use are held by their readers; when the budget is spent, the page that
-//! was used longest ago goes first.
+//! A page is one section of one direction's tile file, decoded and checked. Its bytes are reserved
+//! before it is read: other pages that nobody holds make room, the one that was used longest ago
+//! first, and if all are held the reader waits. Pages that are read ahead make room only at the cost
+//! of used ones, so that readers ahead never chase each other's pages out.
 
-use super::{FieldError, read_chunk};
-use crate::format::container::{ChunkKind, FileKind};
-use crate::format::manifest::Parameters;
-use crate::format::names;
+use super::storage::Storage;
+use super::{FieldError, files};
+use crate::format::container::{ChunkKind, FileKind, Header};
+use crate::format::manifest::CacheFigures;
 use crate::format::tiles::{Layout, TileMap};
-use std::collections::HashMap;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use crate::format::{Fault, names};
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ops::Deref;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// Which section of which direction.
+pub type Key = (u32, ChunkKind);
 
 /// One direction's tile map, checked.
 pub struct Page {
@@ -20,124 +26,275 @@ pub struct Page {
 }
 
 impl Page {
-    /// Checks and keeps the bytes of a tile map.
-    ///
-    /// # Errors
-    /// A map that is not sound; `path` is for the message.
-    pub fn new(
-        path: &Path,
-        bytes: Vec<u8>,
-        parameters: &Parameters,
-        surfaces: u32,
-        exponent: i32,
-    ) -> Result<Page, FieldError> {
-        let (resolution, tile) = (parameters.resolution, parameters.tile);
-        let layout = Layout::check(&bytes, resolution, tile, surfaces, exponent)
-            .map_err(|f| f.in_file(path.display()))?;
-        Ok(Page { bytes, layout })
-    }
-
     /// The map.
     pub fn map(&self) -> TileMap<'_> {
         TileMap::new(&self.bytes, &self.layout)
     }
 }
 
-/// What the cache did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct CacheFigures {
-    /// Lookups that found their page.
-    pub hits: u64,
-    /// Lookups that read it.
-    pub misses: u64,
-    /// Pages given up for others.
-    pub evictions: u64,
-    /// Most bytes held at once.
-    pub peak: u64,
+/// What stands for a page in the cache.
+enum Slot {
+    /// Someone is reading it.
+    Reading,
+    Ready {
+        page: Arc<Page>,
+        used: u64,
+        holders: u32,
+        /// Read ahead, and not asked for yet.
+        fresh: bool,
+    },
 }
 
-struct Held {
-    pages: HashMap<u32, (u64, Arc<Page>)>,
+#[derive(Default)]
+struct State {
+    slots: HashMap<Key, Slot>,
+    /// Pages that nobody holds, by the time of their last use; fresh ones apart.
+    idle: BTreeMap<u64, Key>,
+    idle_fresh: BTreeMap<u64, Key>,
     clock: u64,
     bytes: u64,
+    given_up: HashSet<Key>,
     figures: CacheFigures,
 }
 
-/// Unshot maps of one generation.
-pub struct Pages<'a> {
-    field: &'a Path,
+/// The pages of one generation.
+pub struct Pages {
+    storage: Arc<dyn Storage>,
+    header: Header,
     folder: String,
-    parameters: &'a Parameters,
-    surfaces: u32,
-    exponent: i32,
     budget: u64,
-    held: Mutex<Held>,
+    /// The largest page that can be had by all who may want two at once.
+    largest: u64,
+    state: Mutex<State>,
+    changed: Condvar,
 }
 
-impl<'a> Pages<'a> {
-    /// A cache over the tile files of a generation that holds at most `budget` bytes of them.
-    pub fn new(
-        field: &'a Path,
-        generation: u32,
-        parameters: &'a Parameters,
-        (surfaces, exponent): (u32, i32),
-        budget: u64,
-    ) -> Pages<'a> {
-        let held =
-            Held { pages: HashMap::new(), clock: 0, bytes: 0, figures: CacheFigures::default() };
-        let folder = names::generation(generation);
-        Pages { field, folder, parameters, surfaces, exponent, budget, held: Mutex::new(held) }
+/// A page that its holder may look at; nobody gives it up meanwhile.
+pub struct Held<'a> {
+    pages: &'a Pages,
+    key: Key,
+    page: Arc<Page>,
+}
+
+impl Deref for Held<'_> {
+    type Target = Page;
+
+    fn deref(&self) -> &Page {
+        &self.page
+    }
+}
+
+impl Drop for Held<'_> {
+    fn drop(&mut self) {
+        self.pages.release(self.key);
+    }
+}
+
+impl State {
+    /// Takes the page used longest ago out, if any is idle; fresh ones only when told so.
+    fn give_one_up(&mut self, fresh_too: bool) -> bool {
+        let used = self.idle.pop_first();
+        let gone = used.or_else(|| fresh_too.then(|| self.idle_fresh.pop_first()).flatten());
+        let Some((_, key)) = gone else { return false };
+        self.forget(key);
+        self.figures.evictions += 1;
+        self.given_up.insert(key);
+        true
     }
 
-    /// The unshot map of a direction.
+    fn forget(&mut self, key: Key) {
+        if let Some(Slot::Ready { page, .. }) = self.slots.remove(&key) {
+            self.bytes -= page.bytes.len() as u64;
+        }
+    }
+
+    fn tick(&mut self) -> u64 {
+        self.clock += 1;
+        self.clock
+    }
+}
+
+impl Pages {
+    /// A cache over the tile files of a generation that holds at most `budget` bytes of them for so many
+    /// threads. `header` is that of the generation's files.
+    pub fn new(storage: Arc<dyn Storage>, header: Header, budget: u64, threads: usize) -> Pages {
+        let folder = names::generation(header.generation);
+        // A thread holds one page while it reads another.
+        let largest = budget / (2 * threads.max(1) as u64);
+        let (state, changed) = (Mutex::default(), Condvar::new());
+        Pages { storage, header, folder, budget, largest, state, changed }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn wait<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+        self.changed.wait(state).unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A section of a direction, from memory or from its file. A thread may hold one page while it
+    /// asks for another, not more.
     ///
     /// # Errors
-    /// When its file is missing or damaged.
-    pub fn get(&self, direction: u32) -> Result<Arc<Page>, FieldError> {
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        held.clock += 1;
-        let now = held.clock;
-        if let Some((used, page)) = held.pages.get_mut(&direction) {
-            *used = now;
-            let page = page.clone();
-            held.figures.hits += 1;
-            return Ok(page);
-        }
-        held.figures.misses += 1;
-        drop(held);
-        let page = Arc::new(self.read(direction, ChunkKind::Unshot)?);
-        let size = page.bytes.len() as u64;
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        while held.bytes + size > self.budget && !held.pages.is_empty() {
-            let Some(oldest) = held.pages.iter().min_by_key(|(_, (t, _))| *t).map(|(d, _)| *d)
-            else {
-                break;
-            };
-            if let Some((_, gone)) = held.pages.remove(&oldest) {
-                held.bytes -= gone.bytes.len() as u64;
-                held.figures.evictions += 1;
+    /// When the file is missing or damaged, or its section larger than the budget allows.
+    pub fn get(&self, direction: u32, kind: ChunkKind) -> Result<Held<'_>, FieldError> {
+        let key = (direction, kind);
+        let mut began = None;
+        let mut state = self.state();
+        loop {
+            let now = state.tick();
+            let state_ = &mut *state;
+            match state_.slots.get_mut(&key) {
+                Some(Slot::Ready { page, used, holders, fresh }) => {
+                    if *holders == 0 {
+                        let idle = if *fresh { &mut state_.idle_fresh } else { &mut state_.idle };
+                        idle.remove(used);
+                    }
+                    (*used, *fresh) = (now, false);
+                    *holders += 1;
+                    let page = page.clone();
+                    match began {
+                        None => state.figures.hits += 1,
+                        Some(_) => count_wait(&mut state.figures, began),
+                    }
+                    return Ok(Held { pages: self, key, page });
+                }
+                Some(Slot::Reading) => {
+                    began.get_or_insert_with(Instant::now);
+                    state = self.wait(state);
+                }
+                None => break,
             }
         }
-        if held.bytes + size <= self.budget && !held.pages.contains_key(&direction) {
-            held.bytes += size;
-            held.figures.peak = held.figures.peak.max(held.bytes);
-            held.pages.insert(direction, (now, page.clone()));
+        began.get_or_insert_with(Instant::now);
+        state.slots.insert(key, Slot::Reading);
+        drop(state);
+        let page = self.bring(key, true)?;
+        let mut state = self.state();
+        count_wait(&mut state.figures, began);
+        match page {
+            Some(page) => Ok(Held { pages: self, key, page }),
+            // Never: who may wait gets the page.
+            None => Err(self.fault(direction, Fault::Missing(format!("{kind:?}")))),
         }
-        Ok(page)
     }
 
-    /// A map of a direction, read past the cache.
+    /// Reads a section ahead of its use, if there is room that no fresh page takes.
     ///
     /// # Errors
-    /// When its file is missing or damaged.
-    pub fn read(&self, direction: u32, kind: ChunkKind) -> Result<Page, FieldError> {
-        let path: PathBuf = names::tiles(self.field, &self.folder, direction);
-        let bytes = read_chunk(&path, FileKind::Tiles, kind, direction)?;
-        Page::new(&path, bytes, self.parameters, self.surfaces, self.exponent)
+    /// As [`Pages::get`].
+    pub fn read_ahead(&self, direction: u32, kind: ChunkKind) -> Result<(), FieldError> {
+        let key = (direction, kind);
+        let mut state = self.state();
+        if state.slots.contains_key(&key) {
+            return Ok(());
+        }
+        state.slots.insert(key, Slot::Reading);
+        drop(state);
+        self.bring(key, false).map(|_| ())
     }
 
-    /// What the cache did so far.
-    pub fn figures(&self) -> CacheFigures {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner).figures
+    /// Reads a page whose slot says so. Who `wants` it holds it then; others may go without.
+    fn bring(&self, key: Key, wants: bool) -> Result<Option<Arc<Page>>, FieldError> {
+        let result = self.read(key, wants);
+        let mut state = self.state();
+        let ready = match &result {
+            Ok(Some(page)) => {
+                let (page, used) = (page.clone(), state.tick());
+                if !wants {
+                    state.idle_fresh.insert(used, key);
+                }
+                let holders = u32::from(wants);
+                state.slots.insert(key, Slot::Ready { page, used, holders, fresh: !wants })
+            }
+            _ => state.slots.remove(&key),
+        };
+        drop((ready, state));
+        self.changed.notify_all();
+        result
     }
+
+    fn read(&self, key: Key, may_wait: bool) -> Result<Option<Arc<Page>>, FieldError> {
+        let (direction, kind) = key;
+        let name = names::tile_file(&self.folder, direction);
+        let header = Header { direction, ..self.header.clone() };
+        let mut file = files::open(&*self.storage, &name, FileKind::Tiles)?.belongs(&header)?;
+        let entry = file.find(kind, direction)?;
+        if entry.raw > self.largest {
+            let limit = self.largest;
+            let what = "page of unshot radiance (grant the bake more --memory): its length";
+            return Err(self.fault(direction, Fault::Limit { what, value: entry.raw, limit }));
+        }
+        if !self.reserve(entry.raw, may_wait) {
+            return Ok(None);
+        }
+        let page = file.chunk(&entry).and_then(|bytes| {
+            let Header { resolution, tile, surfaces, exponent, .. } = self.header;
+            let layout = Layout::check(&bytes, resolution, tile, surfaces, exponent)
+                .map_err(|f| f.in_file(file.path.display()))?;
+            Ok(Arc::new(Page { bytes, layout }))
+        });
+        let mut state = self.state();
+        match &page {
+            Ok(_) => {
+                state.figures.bytes += entry.raw;
+                state.figures.redundant += u64::from(state.given_up.contains(&key));
+            }
+            Err(_) => state.bytes -= entry.raw,
+        }
+        page.map(Some)
+    }
+
+    /// Reserves bytes, giving idle pages up for them. Says whether it could; who may wait does until
+    /// it can.
+    fn reserve(&self, bytes: u64, may_wait: bool) -> bool {
+        let mut state = self.state();
+        loop {
+            if state.bytes + bytes <= self.budget {
+                state.bytes += bytes;
+                state.figures.peak = state.figures.peak.max(state.bytes);
+                return true;
+            }
+            if !state.give_one_up(may_wait) {
+                if !may_wait {
+                    return false;
+                }
+                state = self.wait(state);
+            }
+        }
+    }
+
+    fn release(&self, key: Key) {
+        let mut state = self.state();
+        let state_ = &mut *state;
+        if let Some(Slot::Ready { holders, used, .. }) = state_.slots.get_mut(&key) {
+            *holders -= 1;
+            if *holders == 0 {
+                state_.idle.insert(*used, key);
+                // What has arrived before is wanted once a cycle.
+                if key.1 == ChunkKind::Arrived {
+                    state_.idle.remove(used);
+                    state_.forget(key);
+                }
+            }
+        }
+        drop(state);
+        self.changed.notify_all();
+    }
+
+    fn fault(&self, direction: u32, fault: Fault) -> FieldError {
+        let name = names::tile_file(&self.folder, direction);
+        fault.in_file(self.storage.place().join(name).display()).into()
+    }
+
+    /// What the cache did since it was last asked.
+    pub fn take_figures(&self) -> CacheFigures {
+        std::mem::take(&mut self.state().figures)
+    }
+}
+
+fn count_wait(figures: &mut CacheFigures, began: Option<Instant>) {
+    figures.misses += 1;
+    figures.wait += began.map_or(0.0, |b| b.elapsed().as_secs_f64());
 }

@@ -12,6 +12,7 @@
 use super::bytes::{Reader, Writer};
 use super::{Fault, FormatError, READS_MAJOR, limits};
 use std::borrow::Cow;
+use std::hash::Hasher;
 use std::io::{self, Seek, SeekFrom, Write};
 use twox_hash::XxHash3_64;
 
@@ -159,14 +160,24 @@ pub struct Directory {
     pub entries: Vec<ChunkEntry>,
 }
 
-/// Hash of stored bytes at a place.
-fn chunk_hash(field: &FieldId, id: ChunkId, stored: &[u8]) -> u64 {
+/// Seed of the hash of a chunk at a place.
+fn chunk_seed(field: &FieldId, id: ChunkId) -> u64 {
     let mut w = Writer::default();
     w.0.extend_from_slice(field);
     w.u32(id.kind as u32);
     w.u32(id.cycle);
     w.u32(id.direction);
-    XxHash3_64::oneshot_with_seed(XxHash3_64::oneshot(&w.0), stored)
+    XxHash3_64::oneshot(&w.0)
+}
+
+/// Hash of stored bytes at a place.
+fn chunk_hash(field: &FieldId, id: ChunkId, stored: &[u8]) -> u64 {
+    XxHash3_64::oneshot_with_seed(chunk_seed(field, id), stored)
+}
+
+/// The same for bytes that come in blocks.
+pub fn chunk_hasher(field: &FieldId, id: ChunkId) -> XxHash3_64 {
+    XxHash3_64::with_seed(chunk_seed(field, id))
 }
 
 /// Encodes bytes with a codec.
@@ -407,6 +418,17 @@ impl Directory {
         Ok(Directory { header, entries })
     }
 
+    /// Refuses a file of another kind.
+    ///
+    /// # Errors
+    /// When it is one.
+    pub fn is_of(&self, kind: FileKind) -> Result<(), Fault> {
+        match self.header.kind {
+            found if found == kind => Ok(()),
+            found => Err(Fault::invalid(format!("is a {found:?} file, not {kind:?}"))),
+        }
+    }
+
     /// The entry of a chunk.
     ///
     /// # Errors
@@ -479,15 +501,53 @@ impl<W: Write + Seek> ContainerWriter<W> {
         raw: u64,
         stored: &[u8],
     ) -> io::Result<()> {
-        assert!(self.entries.len() < self.chunks, "more chunks than announced");
-        let offset = self.at.next_multiple_of(ALIGN as u64);
-        self.out.write_all(&[0; ALIGN][..(offset - self.at) as usize])?;
+        let offset = self.begin_chunk()?;
         self.out.write_all(stored)?;
-        self.at = offset + stored.len() as u64;
+        self.at += stored.len() as u64;
         let hash = chunk_hash(&self.header.field, id, stored);
         let stored = stored.len() as u64;
         self.entries.push(ChunkEntry { id, codec, offset, stored, raw, hash });
         Ok(())
+    }
+
+    /// Appends a chunk, stored as it is, whose bytes come in blocks.
+    ///
+    /// # Errors
+    /// Of the output.
+    ///
+    /// # Panics
+    /// When more chunks come than were announced.
+    pub fn raw_chunk(
+        &mut self,
+        id: ChunkId,
+        blocks: impl IntoIterator<Item = impl AsRef<[u8]>>,
+    ) -> io::Result<()> {
+        let offset = self.begin_chunk()?;
+        let mut hasher = chunk_hasher(&self.header.field, id);
+        for block in blocks {
+            let block = block.as_ref();
+            hasher.write(block);
+            self.out.write_all(block)?;
+            self.at += block.len() as u64;
+        }
+        let stored = self.at - offset;
+        let hash = hasher.finish();
+        self.entries.push(ChunkEntry { id, codec: Codec::Raw, offset, stored, raw: stored, hash });
+        Ok(())
+    }
+
+    /// Bytes of the file, if no more chunks came.
+    pub fn length(&self) -> u64 {
+        self.at.next_multiple_of(ALIGN as u64)
+    }
+
+    /// Pads to where the next chunk begins.
+    fn begin_chunk(&mut self) -> io::Result<u64> {
+        assert!(self.entries.len() < self.chunks, "more chunks than announced");
+        let offset = self.at.next_multiple_of(ALIGN as u64);
+        self.out.write_all(&[0; ALIGN][..(offset - self.at) as usize])?;
+        self.at = offset;
+        Ok(offset)
     }
 
     /// Writes first block and directory and hands the output back, unsynced.
@@ -513,6 +573,13 @@ impl<W: Write + Seek> ContainerWriter<W> {
     }
 }
 
+/// Bytes of a container whose chunks store so many.
+pub fn length(stored: impl ExactSizeIterator<Item = u64>) -> u64 {
+    let pad = |at: u64| at.next_multiple_of(ALIGN as u64);
+    let directory = (FIRST_BLOCK + ENTRY * stored.len()) as u64;
+    pad(stored.fold(directory, |at, chunk| pad(at) + chunk))
+}
+
 /// A container built in memory.
 ///
 /// # Errors
@@ -531,9 +598,6 @@ pub fn to_bytes(header: Header, chunks: &[(ChunkId, Codec, &[u8])]) -> io::Resul
 /// The first fault found, with the file's name; or another kind of file than `kind`.
 pub fn open(name: &str, file: &[u8], kind: FileKind) -> Result<Directory, FormatError> {
     let directory = Directory::parse(file, file.len() as u64).map_err(|f| f.in_file(name))?;
-    if directory.header.kind != kind {
-        let found = directory.header.kind;
-        return Err(Fault::invalid(format!("is a {found:?} file, not {kind:?}")).in_file(name));
-    }
+    directory.is_of(kind).map_err(|f| f.in_file(name))?;
     Ok(directory)
 }

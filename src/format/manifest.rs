@@ -3,10 +3,9 @@
 //! One record, encoded with bincode 2 (little-endian, fixed-width integers, fields in the order they
 //! stand here) inside a checksummed chunk. `format-spec/` lists the bytes.
 
-use super::container::{self, ChunkId, ChunkKind, Codec, FieldId, FileKind, Header, NO_DIRECTION};
+use super::container::{self, ChunkId, ChunkKind, FieldId, FileKind, Header, NO_DIRECTION};
 use super::{Fault, FormatError, limits};
 use serde::{Deserialize, Serialize};
-use std::io;
 
 /// What decides the bits of a field, besides the scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -198,16 +197,8 @@ pub fn record_from_bytes<T: for<'a> Deserialize<'a>>(bytes: &[u8]) -> Result<T, 
 }
 
 impl Manifest {
-    /// The manifest file.
-    ///
-    /// # Errors
-    /// When the record is larger than the limit.
-    pub fn to_file(&self, header: Header) -> Result<Vec<u8>, Fault> {
-        let record = record_to_bytes(self)?;
-        let id = ChunkId { kind: ChunkKind::Record, cycle: 0, direction: NO_DIRECTION };
-        let in_memory = |e: io::Error| Fault::invalid(e.to_string());
-        container::to_bytes(header, &[(id, Codec::Raw, &record)]).map_err(in_memory)
-    }
+    /// The place of the record's chunk in its file.
+    pub const ID: ChunkId = ChunkId { kind: ChunkKind::Record, cycle: 0, direction: NO_DIRECTION };
 
     /// Reads a manifest file and checks what it says against its first block.
     ///
@@ -223,6 +214,38 @@ impl Manifest {
         };
         let manifest = read().map_err(|f: Fault| f.in_file(name))?;
         Ok((directory.header, manifest))
+    }
+
+    /// The state of a field, from its two manifest files where they are there: the sound one of the
+    /// higher sequence. Also says what is wrong with the other one, if anything is.
+    ///
+    /// # Errors
+    /// When none is there or sound, or one was made by a later version.
+    pub fn newest(
+        field: &str,
+        files: [Option<(String, Vec<u8>)>; 2],
+    ) -> Result<(Header, Manifest, Option<FormatError>), FormatError> {
+        let mut best: Option<(Header, Manifest)> = None;
+        let mut fault = None;
+        for (name, bytes) in files.into_iter().flatten() {
+            match Manifest::from_file(&name, &bytes) {
+                Ok((header, manifest)) => {
+                    if best.as_ref().is_none_or(|(_, m)| m.sequence < manifest.sequence) {
+                        best = Some((header, manifest));
+                    }
+                }
+                Err(e) if e.fault.is_unsupported() => return Err(e),
+                Err(e) => fault = Some(e),
+            }
+        }
+        match (best, fault) {
+            (Some((header, manifest)), fault) => Ok((header, manifest, fault)),
+            (None, Some(fault)) => {
+                let what = format!("no valid commit record; nothing was changed ({fault})");
+                Err(Fault::invalid(what).in_file(field))
+            }
+            (None, None) => Err(Fault::Foreign.in_file(field)),
+        }
     }
 
     /// Checks the record against the first block of its file.

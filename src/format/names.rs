@@ -2,23 +2,33 @@
 
 use std::path::{Path, PathBuf};
 
-/// The commit record.
-pub const MANIFEST: &str = "manifest";
+/// The two commit records, the newer one in turn.
+pub const MANIFESTS: [&str; 2] = ["manifest-0", "manifest-1"];
 /// The resolved scene.
 pub const SCENE: &str = "scene";
-/// The lock that one writer holds.
+/// Who bakes, for people to read.
 pub const LOCK: &str = "lock";
-/// Tile files of the total radiance maps.
+/// Folder of the total radiance maps' tile files.
 pub const TOTAL: &str = "total";
+
+/// The commit record of a commit.
+pub fn manifest(sequence: u64) -> &'static str {
+    MANIFESTS[(sequence % 2) as usize]
+}
+
+/// A file that is being written before it gets its name.
+pub fn temporary(name: &str) -> String {
+    format!("{name}.tmp")
+}
 
 /// Texture maps of a generation.
 pub fn textures(generation: u32) -> String {
     format!("textures-{generation:04}")
 }
 
-/// Sums of a cycle under way, alternating between two names so that the committed one stays.
+/// Sums of a cycle under way, as of a commit.
 pub fn sums(sequence: u64) -> String {
-    format!("sums-{}", sequence % 2)
+    format!("sums-{sequence:08}")
 }
 
 /// Folder of a generation's tile files.
@@ -26,12 +36,26 @@ pub fn generation(generation: u32) -> String {
     format!("unshot-{generation:04}")
 }
 
-/// Name of a folder while its tile files are being written.
-pub fn unpublished(folder: &str) -> String {
-    format!("{folder}.part")
+/// Tile file of a direction in a folder, within the field.
+pub fn tile_file(folder: &str, direction: u32) -> String {
+    format!("{folder}/{direction:06}.tiles")
 }
 
-/// Tile file of a direction in a folder of the field.
+/// Tile file of a direction in a folder of the field at a path.
 pub fn tiles(field: &Path, folder: &str, direction: u32) -> PathBuf {
-    field.join(folder).join(format!("{direction:06}.tiles"))
+    field.join(tile_file(folder, direction))
+}
+
+/// Whether a field's writer may have put a file or folder of that name into the field.
+pub fn is_ours(name: &str) -> bool {
+    let name = name.strip_suffix(".tmp").unwrap_or(name);
+    MANIFESTS.contains(&name) || [SCENE, LOCK, TOTAL].contains(&name) || is_of_a_commit(name)
+}
+
+/// Whether a name is of a kind that belongs to some commits and not to others.
+pub fn is_of_a_commit(name: &str) -> bool {
+    ["textures-", "sums-", "unshot-"].iter().any(|kind| {
+        name.strip_prefix(kind)
+            .is_some_and(|n| n.len() >= 4 && n.bytes().all(|b| b.is_ascii_digit()))
+    })
 }

@@ -265,31 +265,54 @@ impl<'a> TileMap<'a> {
 
     /// Calls `visit` with every covered cell's surface, place and the radiance of both senses.
     pub fn for_each(&self, mut visit: impl FnMut(SurfaceId, Cell, [Rgb; 2])) {
-        let Layout { n, m, words, first_at, .. } = *self.layout;
+        let Layout { n, m, first_at, .. } = *self.layout;
         let first = &self.bytes[first_at..];
         for tile in 0..n * n {
             let (from, to) = (u32_at(first, tile as usize), u32_at(first, tile as usize + 1));
             for entry in from as usize..to as usize {
                 let at = TileEntry { map: *self, entry };
-                let mask = self.mask(entry);
-                for word in 0..words {
-                    let mut bits = u64_at(mask, word);
-                    while bits != 0 {
-                        let index = word as u32 * 64 + bits.trailing_zeros();
-                        bits &= bits - 1;
-                        let cell =
-                            Cell { i: tile % n * m + index % m, j: tile / n * m + index / m };
-                        let value = |s| at.radiance(cell, s).unwrap_or(Rgb::BLACK);
-                        let both = [value(Sense::Along), value(Sense::Against)];
-                        visit(SurfaceId(self.surface(entry)), cell, both);
-                    }
-                }
+                at.covered(|inside| {
+                    let cell = Cell { i: tile % n * m + inside % m, j: tile / n * m + inside / m };
+                    let value = |s| at.radiance(cell, s).unwrap_or(Rgb::BLACK);
+                    let both = [value(Sense::Along), value(Sense::Against)];
+                    visit(SurfaceId(self.surface(entry)), cell, both);
+                });
             }
         }
     }
 }
 
 impl TileEntry<'_> {
+    /// Calls `visit` with the row-by-row index of every covered cell inside the tile, in order.
+    fn covered(&self, mut visit: impl FnMut(u32)) {
+        let mask = self.map.mask(self.entry);
+        for word in 0..self.map.layout.words {
+            let mut bits = u64_at(mask, word);
+            while bits != 0 {
+                visit(word as u32 * 64 + bits.trailing_zeros());
+                bits &= bits - 1;
+            }
+        }
+    }
+
+    /// Calls `visit` with the row-by-row index of every covered cell inside the tile, in order, and its
+    /// radiance.
+    pub fn for_each(&self, sense: Sense, mut visit: impl FnMut(u32, Rgb)) {
+        let slot = 2 * self.entry + sense.slot();
+        let value = self.map.value(slot) as usize;
+        match self.map.state(slot) {
+            DATA => {
+                let mut rank = value;
+                self.covered(|inside| {
+                    visit(inside, self.map.rgb(rank));
+                    rank += 1;
+                });
+            }
+            CONSTANT => self.covered(|inside| visit(inside, self.map.rgb(value))),
+            _ => self.covered(|inside| visit(inside, Rgb::BLACK)),
+        }
+    }
+
     /// Radiance at a cell of this tile, or `None` where the surface does not cover it.
     pub fn radiance(&self, cell: Cell, sense: Sense) -> Option<Rgb> {
         let Layout { m, words, .. } = *self.map.layout;
@@ -391,13 +414,20 @@ impl TileMapWriter {
         self.rgb[at..].convert_from_f32_slice(&self.channels);
     }
 
+    /// Entries so far, one a surface and tile.
+    pub fn entry_count(&self) -> usize {
+        self.surface.len()
+    }
+
     /// The bytes of the map.
     ///
     /// # Panics
     /// When not every tile was given.
     pub fn finish(self) -> Vec<u8> {
         assert_eq!(self.first.len(), (self.n * self.n) as usize + 1, "tiles are missing");
-        let mut w = Writer::default();
+        let (entries, values) = (self.surface.len(), self.rgb.len() / 3);
+        let layout = Layout::new(self.n, self.m, entries, values, self.exponent);
+        let mut w = Writer(Vec::with_capacity(layout.end()));
         w.u32(self.n);
         w.u32(self.m);
         w.u32(self.surface.len() as u32);

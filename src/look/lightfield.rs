@@ -18,6 +18,7 @@ use crate::scene::{Reflectance, Scene, stored};
 use glam::Vec3;
 use std::borrow::Cow;
 use std::fs;
+use std::io::ErrorKind::NotFound;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -152,12 +153,14 @@ impl LightField {
     }
 
     fn open_field(path: &Path) -> Result<LightField, LookError> {
-        let manifest_path = path.join(names::MANIFEST);
-        if !manifest_path.is_file() {
-            return Err(Fault::Foreign.in_file(path.display()).into());
-        }
-        let name = manifest_path.display().to_string();
-        let (header, manifest) = Manifest::from_file(&name, &read(&manifest_path)?)?;
+        let manifest = |name: &str| match read(&path.join(name)) {
+            Ok(bytes) => Ok(Some((path.join(name).display().to_string(), bytes))),
+            Err(LookError::Io { source, .. }) if source.kind() == NotFound => Ok(None),
+            Err(e) => Err(e),
+        };
+        let [first, second] = names::MANIFESTS;
+        let files = [manifest(first)?, manifest(second)?];
+        let (header, manifest, _) = Manifest::newest(&path.display().to_string(), files)?;
         if manifest.phase != Phase::Finished {
             return Err(LookError::Unfinished {
                 path: path.to_owned(),

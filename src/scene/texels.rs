@@ -121,16 +121,25 @@ pub fn from_bytes(bytes: &[u8], count: usize) -> Result<Vec<Rgb>, Fault> {
         let has = bytes.len();
         return Err(Fault::invalid(format!("texture map: {has} bytes for {count} values")));
     }
-    let mut r = Reader::new(bytes);
     let mut values = Vec::with_capacity(count);
-    for _ in 0..count {
+    read_values(bytes, &mut values)?;
+    Ok(values)
+}
+
+/// Appends the values of a part of a texture map.
+///
+/// # Errors
+/// When the bytes hold no whole number of values, or a radiance is negative or not finite.
+pub fn read_values(bytes: &[u8], values: &mut Vec<Rgb>) -> Result<(), Fault> {
+    let mut r = Reader::new(bytes);
+    while r.left() > 0 {
         let value = Rgb([r.f32()?, r.f32()?, r.f32()?]);
         if !value.is_physical() {
             return Err(Fault::invalid("texture map: a radiance is negative or not finite"));
         }
         values.push(value);
     }
-    Ok(values)
+    Ok(())
 }
 
 /// Radiance leaving side `side` of a diffuse surface at a point of its plane, from a texture map of

@@ -8,7 +8,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tempfile::TempDir;
 use vlf::bake::{Options, Outcome, bake};
-use vlf::field::read_manifest;
+use vlf::field::storage::disk::Disk;
+use vlf::field::{Terms, read_manifest};
 use vlf::format::manifest::Manifest;
 use vlf::look::image::Picture;
 use vlf::look::render::method::{Method, take};
@@ -100,6 +101,9 @@ pub fn bake_to(path: &Path, scene: &Scene, parameters: &Parameters, how: &How) -
         },
         order: how.order.clone(),
         commit_every: how.commit_every,
+        // What a loss of power costs is tested elsewhere.
+        terms: Terms { sync: false, lock: true },
+        force: false,
     };
     bake(scene, parameters, path, &options).unwrap()
 }
@@ -128,7 +132,7 @@ impl Baked {
     }
 
     pub fn manifest(&self) -> Manifest {
-        read_manifest(&self.path).unwrap().1
+        read_manifest(&Disk::new(&self.path)).unwrap().1
     }
 }
 

@@ -7,19 +7,19 @@
 
 use crate::directions::Directions;
 use crate::field::FieldError;
-use crate::field::pages::{Page, Pages};
-use crate::gather::{Around, mirrored};
+use crate::field::pages::Pages;
+use crate::format::container::ChunkKind;
+use crate::gather::{Around, Excerpt, mirrored};
 use crate::ids::{Side, SurfaceId};
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use glam::Vec3;
-use std::sync::Arc;
 
 /// Looks a mirror's outgoing radiance along one PSF up.
 pub struct MirrorSender {
-    surface: SurfaceId,
     around: Around,
-    pages: [Option<Arc<Page>>; 3],
+    /// What arrived at the mirror along each of the three.
+    arrived: [Option<Excerpt>; 3],
     factor: Rgb,
     emitted: Rgb,
 }
@@ -39,32 +39,38 @@ impl MirrorSender {
         resolution: u32,
     ) -> Result<MirrorSender, FieldError> {
         let material = scene.material_of(surface);
-        let plane = scene.surface(surface).normal;
+        let polygon = scene.surface(surface);
+        let plane = polygon.normal;
         let side = Side::facing(plane.dot(outgoing));
         let normal = plane * side.sign();
         let source = mirrored(outgoing, normal);
         let around = Around::new(directions, resolution, source, normal);
-        let mut held = [None, None, None];
+        let mut arrived = [None, None, None];
         if let Some(pages) = pages {
-            for (held, near) in held.iter_mut().zip(&around.near) {
+            let reach = [polygon.u * polygon.extent.x, polygon.v * polygon.extent.y];
+            for k in 0..3 {
+                let near = around.near[k];
                 if near.weight > 0.0 {
-                    *held = Some(pages.get(near.direction.0)?);
+                    let page = pages.get(near.direction.0, ChunkKind::Unshot)?;
+                    let bounds = (polygon.origin, reach);
+                    let (map, psf) = (page.map(), &around.psfs[k]);
+                    arrived[k] = Some(Excerpt::new(&map, psf, surface, near.sense, bounds));
                 }
             }
         }
         let emitted = if emits && side == Side::Front { material.emitted } else { Rgb::BLACK };
         let factor = material.reflectance.factor();
-        Ok(MirrorSender { surface, around, pages: held, factor, emitted })
+        Ok(MirrorSender { around, arrived, factor, emitted })
     }
 
     /// Radiance sent from a point of the mirror, W sr^-1 m^-2; `None` is a hole: something may have
     /// arrived there, but the surface covers no cell near the point in any of the three directions.
     pub fn radiance(&self, point: Vec3) -> Option<Rgb> {
-        if self.pages.iter().all(Option::is_none) {
+        if self.arrived.iter().all(Option::is_none) {
             return Some(self.emitted);
         }
-        let maps = [0, 1, 2].map(|k| self.pages[k].as_ref().map(|p| p.map()));
-        let arrived = self.around.radiance(&maps, self.surface, point)?;
+        let mut cells = [0, 1, 2].map(|k| self.arrived[k].as_ref());
+        let arrived = self.around.blend(&mut cells, point)?;
         Some(arrived * self.factor + self.emitted)
     }
 }

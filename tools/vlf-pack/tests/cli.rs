@@ -6,6 +6,9 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use tempfile::TempDir;
 use vlf::bake::{Options, Outcome, bake};
+use vlf::field::Terms;
+use vlf::field::files::open_at;
+use vlf::format::container::FileKind;
 use vlf::{LightField, Parameters, Scene};
 
 fn field(path: &Path, stop: bool) {
@@ -29,6 +32,8 @@ fn field(path: &Path, stop: bool) {
         progress: &|_| {},
         order: None,
         commit_every: 10.0,
+        terms: Terms::default(),
+        force: false,
     };
     let outcome = bake(&scene, &parameters, path, &options).unwrap();
     assert_eq!(outcome == Outcome::Finished, !stop.into_inner());
@@ -87,7 +92,7 @@ fn what_is_wrong_is_said_and_nothing_is_overwritten() {
     // A field with a damaged map is found out before anything is written.
     let map = vlf::format::names::tiles(&folder.path().join("room.field"), "total", 7);
     let mut bytes = fs::read(&map).unwrap();
-    let chunk = vlf::field::read_directory(&map).unwrap().entries[0];
+    let chunk = open_at(&map, FileKind::Tiles).unwrap().directory.entries[0];
     bytes[(chunk.offset + chunk.stored / 2) as usize] ^= 1;
     fs::write(&map, bytes).unwrap();
     let output = vlf_pack(&folder, &["room.field", "-o", "out.vlf"]);

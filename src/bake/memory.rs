@@ -1,0 +1,170 @@
+//! What a bake holds in memory, and how much of the grant is left for the page cache.
+//!
+//! Everything that grows with the scene or the resolution is counted: texture maps and sums, each
+//! worker's scratch, maps that wait to be written, pages. What does not (code, stacks, what the
+//! allocator keeps) is [`CONSTANT`] and not part of the grant.
+
+use super::ahead::gathered_from;
+use super::layers::Layers;
+use super::reach::Sealed;
+use super::step::{Scratch, Shared};
+use crate::field::writer::{WAITING, WRITERS};
+use crate::ids::DirectionId;
+use crate::psf::Psf;
+
+/// Bytes beyond the grant that a process of this program takes.
+pub const CONSTANT: u64 = 48 << 20;
+
+/// Directions that are looked at before a bake begins.
+const LOOKS: u32 = 24;
+
+/// What one direction takes; of several, the most.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Extent {
+    /// Fragments of its PSF.
+    pub fragments: u64,
+    /// Bytes of its total radiance map.
+    pub total_map: u64,
+    /// Bytes of its map of what arrived at mirrors.
+    pub mirror_map: u64,
+    /// Bytes of the excerpts that its mirrors gather from.
+    pub excerpts: u64,
+    /// Maps that its mirrors gather from.
+    pub gathered: u64,
+}
+
+impl Extent {
+    /// The larger of the two, figure by figure.
+    pub fn most(self, other: Extent) -> Extent {
+        Extent {
+            fragments: self.fragments.max(other.fragments),
+            total_map: self.total_map.max(other.total_map),
+            mirror_map: self.mirror_map.max(other.mirror_map),
+            excerpts: self.excerpts.max(other.excerpts),
+            gathered: self.gathered.max(other.gathered),
+        }
+    }
+
+    /// Of the layers of a direction, every covered side taken to be lit.
+    pub fn of(shared: &Shared, id: DirectionId, layers: &mut Layers) -> Extent {
+        let p = shared.parameters;
+        let (m, n) = (p.tile, p.resolution / p.tile);
+        let diffuse = shared.texels.diffuse;
+        let mut last = vec![u32::MAX; shared.scene.surfaces.len()];
+        // Entries and fragments, of all surfaces and of mirrors.
+        let (mut entries, mut fragments) = ([0u64; 2], [0u64; 2]);
+        for tile in 0..n * n {
+            for inside in 0..m * m {
+                let (i, j) = (tile % n * m + inside % m, tile / n * m + inside / m);
+                for fragment in layers.cell(i, j) {
+                    let mirror = u64::from(fragment.texel() >= diffuse);
+                    fragments = [fragments[0] + 1, fragments[1] + mirror];
+                    let surface = shared.texels.surface_of[fragment.texel() as usize] as usize;
+                    if last[surface] != tile {
+                        last[surface] = tile;
+                        entries = [entries[0] + 1, entries[1] + mirror];
+                    }
+                }
+            }
+        }
+        let words = u64::from(m * m).div_ceil(64);
+        let map = |k: usize| {
+            48 + 4 * u64::from(n * n + 1) + entries[k] * (14 + 8 * words) + 12 * fragments[k]
+        };
+        let (mirrors, along) =
+            (diffuse as usize..shared.texels.len(), shared.directions.vector(id));
+        let psf = Psf::new(along, p.resolution);
+        // Rectangles of cells around each mirror, three directions and two senses of 12 bytes a cell.
+        let around = mirrors.clone().map(|texel| {
+            let surface = &shared.scene.surfaces[shared.texels.surface_of[texel] as usize];
+            let (u, v) = (surface.u * surface.extent.x, surface.v * surface.extent.y);
+            let (a, b) = (psf.project(u) - psf.project(-u), psf.project(v) - psf.project(-v));
+            let wide = |a: f32, b: f32| u64::from((0.5 * (a.abs() + b.abs())) as u32 + 3);
+            72 * wide(a.x, b.x) * wide(a.y, b.y)
+        });
+        Extent {
+            fragments: fragments[0],
+            total_map: map(0),
+            mirror_map: if mirrors.is_empty() { 0 } else { map(1) },
+            excerpts: around.sum(),
+            gathered: 0,
+        }
+    }
+
+    /// The most of some directions all around, with a margin for the others.
+    pub fn probe(shared: &Shared) -> Extent {
+        let curve = shared.directions.curve();
+        let step = (curve.len() / LOOKS as usize).max(1);
+        let mut layers = Layers::default();
+        let sealed = Sealed::none(2 * shared.texels.len());
+        let mut most = Extent::default();
+        for id in curve.into_iter().step_by(step) {
+            layers.rasterise(
+                shared.outlines,
+                &Psf::new(shared.directions.vector(id), shared.parameters.resolution),
+            );
+            let gathered = gathered_from(shared, &sealed, id).len() as u64;
+            most = most.most(Extent { gathered, ..Extent::of(shared, id, &mut layers) });
+        }
+        let more = |v: u64| v + v / 4;
+        Extent {
+            fragments: more(most.fragments),
+            total_map: more(most.total_map),
+            mirror_map: more(most.mirror_map),
+            excerpts: more(most.excerpts),
+            gathered: most.gathered,
+        }
+    }
+}
+
+/// Bytes that a bake needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Need {
+    /// Whatever the page cache holds, while light is propagated and while total maps are written.
+    pub fixed: [u64; 2],
+    /// The least that the page cache must hold.
+    pub least_pages: u64,
+    /// All pages of a generation: with more, the cache has nothing left to do.
+    pub all_pages: u64,
+}
+
+impl Need {
+    /// Of a bake on so many threads whose directions take at most `extent`.
+    pub fn new(shared: &Shared, extent: &Extent, threads: u64) -> Need {
+        let values = 2 * shared.texels.len() as u64;
+        let cells = u64::from(shared.parameters.resolution).pow(2);
+        let surfaces = shared.scene.surfaces.len() as u64;
+        // Texels' surfaces and areas, and which values are sealed; surfaces and their outlines.
+        let scene = values / 2 * 8 + values / 8 + 1024 * surfaces;
+        let mirrors = values / 2 - u64::from(shared.texels.diffuse);
+        let layers = 4 * cells + 12 * extent.fragments + 256 * surfaces;
+        // A map that is being made takes twice its bytes, and once more when it is finished.
+        let scratch =
+            layers + 6 * extent.mirror_map + extent.excerpts + mirrors * Scratch::A_MIRROR;
+        let waiting = (WAITING + WRITERS) as u64;
+        let propagating = scene
+            + values * 32 * (1 + threads)
+            + threads * scratch
+            + waiting * 2 * extent.mirror_map;
+        let totals = scene
+            + values * 12
+            + threads * (layers + 3 * extent.total_map)
+            + waiting * extent.total_map;
+        let directions = shared.directions.len() as u64;
+        Need {
+            fixed: [propagating, totals],
+            least_pages: 2 * threads * extent.mirror_map,
+            all_pages: (directions + 2 * threads) * extent.mirror_map,
+        }
+    }
+
+    /// The smallest grant that works.
+    pub fn smallest(&self) -> u64 {
+        self.fixed[0].max(self.fixed[1]) + self.least_pages
+    }
+
+    /// The grant with which every page is read once.
+    pub fn useful(&self) -> u64 {
+        self.fixed[0].max(self.fixed[1]) + self.all_pages
+    }
+}

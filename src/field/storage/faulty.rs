@@ -1,0 +1,194 @@
+//! A storage that breaks the operations of another: the k-th, once or for ever, or cuts reads and
+//! writes short.
+
+use super::{Input, Lock, LockError, Output, Storage};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What goes wrong.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Faults {
+    /// The number of the operation that fails, from 0; `None`: none does.
+    pub fail: Option<u64>,
+    /// Whether all operations after that one fail too, as after a loss of power.
+    pub for_ever: bool,
+    /// What the failure is called.
+    pub kind: Option<io::ErrorKind>,
+    /// Reads and writes take a part of what they are given, or are interrupted.
+    pub short: bool,
+    /// Syncs that the system says it has done and has not: told the operations so far, this one last.
+    pub unsynced: Option<fn(&[String]) -> bool>,
+}
+
+/// Counts operations, and breaks some.
+pub struct Faulty<S> {
+    inner: Arc<S>,
+    hurt: Arc<Hurt>,
+}
+
+struct Hurt {
+    faults: Faults,
+    count: AtomicU64,
+    log: Mutex<Vec<String>>,
+}
+
+impl<S: Storage> Faulty<S> {
+    /// Over a storage that stays at hand for a look at what is left.
+    pub fn new(inner: Arc<S>, faults: Faults) -> Faulty<S> {
+        let hurt = Hurt { faults, count: AtomicU64::new(0), log: Mutex::default() };
+        Faulty { inner, hurt: Arc::new(hurt) }
+    }
+
+    /// Operations so far.
+    pub fn operations(&self) -> u64 {
+        self.hurt.count.load(Ordering::Relaxed)
+    }
+
+    /// What was done so far, one line an operation.
+    pub fn log(&self) -> Vec<String> {
+        self.hurt.log.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl Hurt {
+    fn step(&self, what: &str, name: &str) -> io::Result<()> {
+        let mut log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = self.count.fetch_add(1, Ordering::Relaxed);
+        let hit = |k| if self.faults.for_ever { now >= k } else { now == k };
+        if self.faults.fail.is_some_and(hit) {
+            log.push(format!("{what} {name}: failed"));
+            return Err(self.faults.kind.unwrap_or(io::ErrorKind::Other).into());
+        }
+        log.push(format!("{what} {name}"));
+        Ok(())
+    }
+
+    /// How much of `length` bytes a read or write takes.
+    fn part(&self, length: usize) -> io::Result<usize> {
+        if !self.faults.short || length < 2 {
+            return Ok(length);
+        }
+        match self.count.load(Ordering::Relaxed) % 3 {
+            0 => Err(io::ErrorKind::Interrupted.into()),
+            1 => Ok(1 + length / 3),
+            _ => Ok(length),
+        }
+    }
+
+    /// Whether the last operation, a sync, is only said to be done.
+    fn skips(&self) -> bool {
+        let log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+        self.faults.unsynced.is_some_and(|is_skipped| is_skipped(&log))
+    }
+}
+
+impl<S: Storage> Storage for Faulty<S> {
+    fn place(&self) -> &Path {
+        self.inner.place()
+    }
+
+    fn make(&self) -> io::Result<()> {
+        self.inner.make()
+    }
+
+    fn lock(&self, note: &str) -> Result<Lock, LockError> {
+        self.inner.lock(note)
+    }
+
+    fn list(&self, folder: &str) -> io::Result<Vec<String>> {
+        self.hurt.step("list", folder)?;
+        self.inner.list(folder)
+    }
+
+    fn open(&self, name: &str) -> io::Result<Box<dyn Input>> {
+        self.hurt.step("open", name)?;
+        let inner = self.inner.open(name)?;
+        Ok(Box::new(Reading { inner, hurt: self.hurt.clone(), name: name.to_owned() }))
+    }
+
+    fn create(&self, name: &str, reserve: u64) -> io::Result<Box<dyn Output>> {
+        self.hurt.step("create", name)?;
+        let inner = self.inner.create(name, reserve)?;
+        Ok(Box::new(Writing { inner, hurt: self.hurt.clone(), name: name.to_owned() }))
+    }
+
+    fn rename(&self, from: &str, to: &str) -> io::Result<()> {
+        self.hurt.step("rename", to)?;
+        self.inner.rename(from, to)
+    }
+
+    fn remove(&self, name: &str) -> io::Result<()> {
+        self.hurt.step("remove", name)?;
+        self.inner.remove(name)
+    }
+
+    fn create_folder(&self, folder: &str) -> io::Result<()> {
+        self.hurt.step("create folder", folder)?;
+        self.inner.create_folder(folder)
+    }
+
+    fn remove_folder(&self, folder: &str) -> io::Result<()> {
+        self.hurt.step("remove folder", folder)?;
+        self.inner.remove_folder(folder)
+    }
+
+    fn sync_folder(&self, folder: &str) -> io::Result<()> {
+        self.hurt.step("sync folder", folder)?;
+        if self.hurt.skips() { Ok(()) } else { self.inner.sync_folder(folder) }
+    }
+
+    fn free(&self) -> Option<u64> {
+        self.inner.free()
+    }
+}
+
+struct Reading {
+    inner: Box<dyn Input>,
+    hurt: Arc<Hurt>,
+    name: String,
+}
+
+impl Input for Reading {
+    fn length(&self) -> io::Result<u64> {
+        self.inner.length()
+    }
+
+    fn read_at(&mut self, at: u64, into: &mut [u8]) -> io::Result<usize> {
+        self.hurt.step("read", &self.name)?;
+        let part = self.hurt.part(into.len())?;
+        self.inner.read_at(at, &mut into[..part])
+    }
+}
+
+struct Writing {
+    inner: Box<dyn Output>,
+    hurt: Arc<Hurt>,
+    name: String,
+}
+
+impl Write for Writing {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.hurt.step("write", &self.name)?;
+        let part = self.hurt.part(bytes.len())?;
+        self.inner.write(&bytes[..part])
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
+}
+
+impl Seek for Writing {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.inner.seek(to)
+    }
+}
+
+impl Output for Writing {
+    fn sync(&mut self) -> io::Result<()> {
+        self.hurt.step("sync", &self.name)?;
+        if self.hurt.skips() { Ok(()) } else { self.inner.sync() }
+    }
+}
