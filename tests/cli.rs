@@ -115,7 +115,7 @@ fn parameters_that_make_no_sense_are_refused_before_anything_is_made() {
         (&["--threads", "0"], USAGE, &["--threads 0"]),
         (&["--texel", "0"], USAGE, &["texel"]),
         (&["--texel", "NaN"], USAGE, &["texel"]),
-        (&["--memory", "1MiB"], LIMIT, &["needs at least", "MiB"]),
+        (&["--memory", "64KiB"], LIMIT, &["needs at least", "iB"]),
         (&["--memory", "lots"], USAGE, &["--memory"]),
         (&["--colour"], USAGE, &["--colour"]),
     ] {
@@ -131,7 +131,7 @@ fn parameters_that_make_no_sense_are_refused_before_anything_is_made() {
 #[test]
 fn the_memory_that_a_refusal_asks_for_is_enough() {
     let folder = folder();
-    let said = refused(&folder, &bake("out.field", &["--memory", "1MiB"]), LIMIT, &[]);
+    let said = refused(&folder, &bake("out.field", &["--memory", "64KiB"]), LIMIT, &[]);
     let after = said.split("at least ").nth(1).unwrap();
     let needs: String = after.split(" of ").next().unwrap().replace(' ', "");
     vlf(&folder).args(bake("out.field", &["--memory", &needs])).assert().success();

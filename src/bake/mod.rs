@@ -230,7 +230,7 @@ fn needs(
     let need = memory::Need::new(&shared, &extent, options.threads.max(1) as u64);
     if options.memory < need.smallest() {
         return Err(BakeError::Memory {
-            needs: words(need.smallest().next_multiple_of(1 << 20)),
+            needs: words(need.smallest().next_multiple_of(1 << 16)),
             granted: words(options.memory),
             resolution: parameters.resolution,
         });

@@ -66,7 +66,14 @@ impl Storage for Disk {
 
     fn list(&self, folder: &str) -> io::Result<Vec<String>> {
         let mut all = Vec::new();
-        for entry in fs::read_dir(self.path(folder))? {
+        let entries = fs::read_dir(self.path(folder)).map_err(|e| match e.kind() {
+            // A file on the way to the field is no field.
+            io::ErrorKind::NotADirectory if fs::symlink_metadata(&self.root).is_err() => {
+                io::ErrorKind::NotFound.into()
+            }
+            _ => e,
+        })?;
+        for entry in entries {
             all.push(entry?.file_name().to_string_lossy().into_owned());
         }
         all.sort();
