@@ -146,6 +146,10 @@ pub struct Render {
     /// Samples a pixel
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: u32,
+    /// Go on where direction maps are missing or damaged: pixels that need them are magenta. Without
+    /// this no picture is made then (exit code 4)
+    #[arg(long)]
+    pub tolerate: bool,
     /// Exposure of a PNG in EV (powers of two) [default: from the picture]
     #[arg(long, value_name = "EV", allow_hyphen_values = true)]
     pub exposure: Option<f32>,

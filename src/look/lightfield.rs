@@ -5,12 +5,14 @@
 //! Each direction's map is verified when it is first touched.
 
 use crate::directions::Directions;
-use crate::format::container::{self, ChunkKind, Directory, FileKind, NO_DIRECTION, decode};
+use crate::format::container::{
+    self, ChunkKind, Directory, FileKind, Header, NO_DIRECTION, decode,
+};
 use crate::format::manifest::{Manifest, Phase, record_from_bytes};
 use crate::format::tiles::{Layout, TileMap};
 use crate::format::{Fault, FormatError, limits, names};
 use crate::gather::{Around, mirrored};
-use crate::ids::{Side, SurfaceId};
+use crate::ids::{DirectionId, Side, SurfaceId};
 use crate::look::mapping::Mapping;
 use crate::radiance::Rgb;
 use crate::scene::texels::{self, Texels};
@@ -78,7 +80,7 @@ pub struct LightField {
 
 enum Source {
     Pack { name: String, file: Mapping, directory: Directory },
-    Field(PathBuf),
+    Field(PathBuf, Header),
 }
 
 /// A direction's map: where it lies in the mapped file, or its bytes.
@@ -103,16 +105,16 @@ fn read(path: &Path) -> Result<Vec<u8>, LookError> {
     Ok(bytes)
 }
 
-fn chunk_of(
-    path: &Path,
-    kind: FileKind,
-    chunk: ChunkKind,
-    direction: u32,
-) -> Result<Vec<u8>, LookError> {
+/// A chunk of a field's file that must have this first block.
+fn chunk_of(path: &Path, header: &Header, chunk: ChunkKind) -> Result<Vec<u8>, LookError> {
     let bytes = read(path)?;
     let name = path.display().to_string();
-    let directory = container::open(&name, &bytes, kind)?;
-    let decoded = || directory.chunk(&bytes, directory.find(chunk, direction)?);
+    let directory = container::open(&name, &bytes, header.kind)?;
+    if directory.header != *header {
+        // A sound file in the wrong place would show other light.
+        return Err(Fault::invalid("belongs to another field or place").in_file(name).into());
+    }
+    let decoded = || directory.chunk(&bytes, directory.find(chunk, header.direction)?);
     Ok(decoded().map_err(|f| f.in_file(name))?.into_owned())
 }
 
@@ -170,17 +172,18 @@ impl LightField {
             });
         }
         let scene_path = path.join(names::SCENE);
-        let bytes = chunk_of(&scene_path, FileKind::Scene, ChunkKind::Scene, NO_DIRECTION)?;
+        let of = |kind, generation| Header { kind, generation, ..header.clone() };
+        let bytes = chunk_of(&scene_path, &of(FileKind::Scene, 0), ChunkKind::Scene)?;
         let in_scene = |f: Fault| f.in_file(scene_path.display());
         let scene = stored::from_bytes(&bytes).map_err(in_scene)?;
         check_scene(&scene, header.surfaces).map_err(in_scene)?;
         let texture_path = path.join(names::textures(manifest.cycle));
         let kind = ChunkKind::TotalTexture;
-        let bytes = chunk_of(&texture_path, FileKind::Textures, kind, NO_DIRECTION)?;
+        let bytes = chunk_of(&texture_path, &of(FileKind::Textures, manifest.cycle), kind)?;
         let in_textures = |f: Fault| f.in_file(texture_path.display());
         let texels = texels_of(&scene, &manifest, bytes.len()).map_err(in_textures)?;
         let total = texels::from_bytes(&bytes, 2 * texels.len()).map_err(in_textures)?;
-        let source = Source::Field(path.to_owned());
+        let source = Source::Field(path.to_owned(), of(FileKind::Tiles, manifest.cycle));
         let parts = (scene, texels, total);
         Self::assemble(&path.display().to_string(), parts, manifest, header.exponent, source)
     }
@@ -209,7 +212,7 @@ impl LightField {
         let bytes = match (&stored.bytes, &self.source) {
             (Stored::Decoded(bytes), _) => bytes,
             (Stored::Mapped(range), Source::Pack { file, .. }) => &file[range.clone()],
-            (Stored::Mapped(_), Source::Field(_)) => &[][..],
+            (Stored::Mapped(_), Source::Field(..)) => &[][..],
         };
         Ok(TileMap::new(bytes, &stored.layout))
     }
@@ -238,20 +241,25 @@ impl LightField {
                 };
                 load().map_err(|f: Fault| f.in_file(format!("{name}: direction {direction}")))
             }
-            Source::Field(path) => {
+            Source::Field(path, header) => {
                 let path = names::tiles(path, names::TOTAL, direction);
                 let name = path.display().to_string();
-                let bytes =
-                    chunk_of(&path, FileKind::Tiles, ChunkKind::Total, direction).map_err(|e| {
-                        match e {
-                            LookError::Format(e) => e,
-                            other => Fault::Missing(other.to_string()).in_file(&name),
-                        }
-                    })?;
+                let header = Header { direction, ..header.clone() };
+                let bytes = chunk_of(&path, &header, ChunkKind::Total).map_err(|e| match e {
+                    LookError::Format(e) => e,
+                    other => Fault::Missing(other.to_string()).in_file(&name),
+                })?;
                 let layout = check(&bytes).map_err(|f| f.in_file(&name))?;
                 Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) })
             }
         }
+    }
+
+    /// The directions whose maps were needed so far and found missing or damaged.
+    pub fn damaged(&self) -> Vec<DirectionId> {
+        let is_damaged = |map: &OnceLock<_>| matches!(map.get(), Some(Err(_)));
+        let all = self.maps.iter().zip(0..);
+        all.filter(|(map, _)| is_damaged(map)).map(|(_, d)| DirectionId(d)).collect()
     }
 
     /// Radiance leaving the side of `surface` that faces `away` (a unit vector pointing from the
@@ -346,22 +354,36 @@ fn find_map(directory: &Directory, direction: u32) -> Result<&container::ChunkEn
         .ok_or_else(|| Fault::Missing(format!("the map of direction {direction}")))
 }
 
-/// The texels of a scene, if their values take `bytes` bytes. Counted before they are laid: a file may
-/// ask for any number.
+/// The texels of a scene, if their values take `bytes` bytes.
 fn texels_of(scene: &Scene, manifest: &Manifest, bytes: usize) -> Result<Texels, Fault> {
-    let p = &manifest.parameters;
-    let edge = 2.0 / p.resolution as f32 * p.texel_cells as f32;
-    let count = Texels::count(scene, edge);
-    if count > limits::TEXELS {
-        return Err(Fault::Limit { what: "texel count", value: count, limit: limits::TEXELS });
-    }
+    let count = texel_count(scene, manifest)?;
     if 24 * count != bytes as u64 {
         return Err(Fault::invalid(format!("texture map: {bytes} bytes for {count} texels")));
     }
-    Ok(Texels::new(scene, edge))
+    Ok(Texels::new(scene, texel_edge(manifest)))
 }
 
-fn check_scene(scene: &Scene, surfaces: u32) -> Result<(), Fault> {
+/// How many texels a scene has in a field. Counted before they are laid: a file may ask for any number.
+///
+/// # Errors
+/// When they are more than a field may have.
+pub fn texel_count(scene: &Scene, manifest: &Manifest) -> Result<u64, Fault> {
+    match Texels::count(scene, texel_edge(manifest)) {
+        count if count <= limits::TEXELS => Ok(count),
+        value => Err(Fault::Limit { what: "texel count", value, limit: limits::TEXELS }),
+    }
+}
+
+fn texel_edge(manifest: &Manifest) -> f32 {
+    let p = &manifest.parameters;
+    2.0 / p.resolution as f32 * p.texel_cells as f32
+}
+
+/// Refuses a scene that is not the one of its file's header.
+///
+/// # Errors
+/// When it has another number of surfaces.
+pub fn check_scene(scene: &Scene, surfaces: u32) -> Result<(), Fault> {
     match scene.surfaces.len() as u64 == u64::from(surfaces) {
         true => Ok(()),
         false => Err(Fault::invalid("its scene has another number of surfaces than its header")),
