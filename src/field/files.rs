@@ -22,6 +22,8 @@ pub struct Opened {
     pub path: PathBuf,
     /// First block and directory.
     pub directory: Directory,
+    /// Its bytes.
+    pub length: u64,
     input: Box<dyn Input>,
 }
 
@@ -47,7 +49,7 @@ pub fn open(storage: &dyn Storage, name: &str, kind: FileKind) -> Result<Opened,
     }
     let directory = Directory::parse(&head, length).map_err(in_file)?;
     directory.is_of(kind).map_err(in_file)?;
-    Ok(Opened { directory, input, path })
+    Ok(Opened { directory, length, input, path })
 }
 
 /// The same for a file anywhere, such as a pack.
@@ -91,16 +93,45 @@ impl Opened {
     /// # Errors
     /// When it is damaged, or the system refuses.
     pub fn chunk(&mut self, entry: &ChunkEntry) -> Result<Vec<u8>, FieldError> {
-        let mut stored = Vec::new();
-        stored.try_reserve_exact(entry.stored as usize).map_err(|_| self.too_large(entry))?;
-        stored.resize(entry.stored as usize, 0);
-        self.read(entry.offset, &mut stored)?;
+        let stored = self.stored(entry)?;
         match container::decode(&self.directory.header.field, entry, &stored) {
             Ok(std::borrow::Cow::Borrowed(_)) => {}
             Ok(std::borrow::Cow::Owned(raw)) => return Ok(raw),
             Err(f) => return Err(self.fault(f)),
         }
         Ok(stored)
+    }
+
+    /// A chunk's stored bytes as they are, for [`container::decode`] to verify.
+    ///
+    /// # Errors
+    /// When the system refuses, or has no memory for them.
+    pub fn stored(&mut self, entry: &ChunkEntry) -> Result<Vec<u8>, FieldError> {
+        let mut stored = Vec::new();
+        stored.try_reserve_exact(entry.stored as usize).map_err(|_| self.too_large(entry))?;
+        stored.resize(entry.stored as usize, 0);
+        self.read(entry.offset, &mut stored)?;
+        Ok(stored)
+    }
+
+    /// Where the first byte between or behind the chunks is that is not zero, if one is.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn used_padding(&mut self) -> Result<Option<u64>, FieldError> {
+        let directory =
+            (container::FIRST_BLOCK + container::ENTRY * self.directory.entries.len()) as u64;
+        let ends = self.directory.entries.iter().map(|e| e.offset + e.stored);
+        let ends: Vec<u64> = std::iter::once(directory).chain(ends).collect();
+        for at in ends {
+            let mut gap = [0; container::ALIGN];
+            let gap = &mut gap[..(at.next_multiple_of(container::ALIGN as u64) - at) as usize];
+            self.read(at, gap)?;
+            if let Some(first) = gap.iter().position(|b| *b != 0) {
+                return Ok(Some(at + first as u64));
+            }
+        }
+        Ok(None)
     }
 
     /// Hands a raw chunk over in blocks of [`BLOCK`] bytes. Whether it is sound is known at the end.
