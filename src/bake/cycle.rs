@@ -56,7 +56,10 @@ pub struct Bake<'a> {
     done_before: u32,
 }
 
-/// What a direction takes while the bake prepares, in PSFs of the propagation.
+/// Sweeps over all directions while the bake prepares.
+const SWEEPS: usize = 2;
+
+/// What a direction takes in all of them, in PSFs of the propagation.
 const PREPARING: f64 = 1.5;
 
 /// What a direction's total map takes, in PSFs of the propagation.
@@ -116,12 +119,14 @@ impl<'a> Bake<'a> {
         let values = 2 * self.texels.len();
         let cut = cut_texels(self.scene, self.texels);
         let reach = self.sweep(
+            0,
             || Reach::new(values),
             |reach, id, layers| reach.sweep(&shared, &cut, id, layers),
             |all, one| all.merge(&one),
         );
         let mut sealed = reach.sealed(&shared, &cut);
         let views = self.sweep(
+            1,
             || CutViews::new(values),
             |views, id, layers| views.sweep(&shared, (&cut, &sealed), id, layers),
             |all, one| all.merge(&one),
@@ -133,6 +138,7 @@ impl<'a> Bake<'a> {
     /// Lets every thread look along directions until none is left, then merges what they found.
     fn sweep<T: Send>(
         &self,
+        number: usize,
         new: impl Fn() -> T + Sync,
         look: impl Fn(&mut T, DirectionId, &mut Layers) + Sync,
         merge: impl Fn(&mut T, T),
@@ -147,7 +153,8 @@ impl<'a> Bake<'a> {
                     return own;
                 }
                 look(&mut own, DirectionId(direction as u32), &mut layers);
-                self.report(true, direction as u32);
+                let all = self.directions.len();
+                self.report(true, ((number * all + direction + 1) / SWEEPS) as u32);
             }
         });
         let mut all = new();
@@ -347,14 +354,19 @@ impl<'a> Bake<'a> {
             lines * cycles.map(|c| f64::from(self.perturbations(c))).sum::<f64>()
         };
         let cycle = manifest.cycle;
-        let cycles = grids(cycle..self.expected_cycles(&unshot).max(cycle + 1));
-        let (step, left) = match (preparing, manifest.phase) {
-            (true, _) => (PREPARING * lines, cycles + TOTALS * lines),
-            (_, Phase::Propagating) => {
-                let own = grids(cycle..cycle + 1);
-                (own, cycles - own + TOTALS * lines)
+        let (own, later) = match manifest.phase {
+            Phase::Propagating => {
+                let end = self.expected_cycles(&unshot).max(cycle + 1);
+                (grids(cycle..cycle + 1), grids(cycle + 1..end) + TOTALS * lines)
             }
             _ => (TOTALS * lines, 0.0),
+        };
+        // Before the step begins, all of it that is not done yet is left as well.
+        let (step, left) = if preparing {
+            let done = f64::from(manifest.done_count()) / lines;
+            (PREPARING * lines, own * (1.0 - done) + later)
+        } else {
+            (own, later)
         };
         let before = f64::from(self.done_before) / lines;
         (self.options.progress)(&Progress {
