@@ -68,13 +68,10 @@ fn facts(path: &Path) -> anyhow::Result<Facts> {
 fn pack_manifest(path: &Path, name: &str, directory: &Directory) -> anyhow::Result<Manifest> {
     let in_file = |f: vlf::format::Fault| -> FormatError { f.in_file(name) };
     let entry = *directory.find(ChunkKind::Record, NO_DIRECTION).map_err(in_file)?;
-    let end = usize::try_from(entry.offset + entry.stored)?;
-    let head = field::files::read_first(path, end)?;
-    let bytes = container::decode(
-        &directory.header.field,
-        &entry,
-        head.get(entry.offset as usize..end).unwrap_or_default(),
-    );
+    // With the padding behind it.
+    let end = (entry.offset + entry.stored).next_multiple_of(container::ALIGN as u64);
+    let head = field::files::read_first(path, usize::try_from(end)?)?;
+    let bytes = directory.chunk(&head, &entry);
     Ok(record_from_bytes(&bytes.map_err(in_file)?).map_err(in_file)?)
 }
 
