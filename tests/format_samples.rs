@@ -459,8 +459,26 @@ fn write_samples() {
         let bytes = (damage.make)(&made()[damage.from]);
         fs::write(folder.join("damaged").join(damage.name), bytes).unwrap();
     }
+    write_seeds();
     let text = serde_json::to_string_pretty(&expected(made())).unwrap();
     fs::write(folder.join("expected.json"), text + "\n").unwrap();
+}
+
+/// What the samples' chunks hold, for the fuzz targets to begin with.
+fn write_seeds() {
+    let seeds = spec().with_file_name("fuzz").join("corpus-seeds");
+    for name in ["manifest", "scene", "unshot.tiles", "total.tiles", "raw.vlf"] {
+        for (place, (id, bytes)) in contents(&made()[name]).1.into_iter().enumerate() {
+            let target = match id.kind {
+                ChunkKind::Record => "manifest",
+                ChunkKind::Scene => "stored",
+                ChunkKind::Unshot | ChunkKind::Arrived | ChunkKind::Total => "tile",
+                _ => continue,
+            };
+            fs::create_dir_all(seeds.join(target)).unwrap();
+            fs::write(seeds.join(target).join(format!("{name}-{place}")), bytes).unwrap();
+        }
+    }
 }
 
 #[test]

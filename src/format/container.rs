@@ -479,6 +479,11 @@ impl Directory {
         if chunks > limit {
             return Err(Fault::Limit { what: "chunk count", value: chunks, limit });
         }
+        if header.kind == FileKind::Pack && chunks < limit {
+            return Err(Fault::Missing(format!(
+                "one chunk or more of {limit}, the pack's number,"
+            )));
+        }
         chunks
             .checked_mul(ENTRY as u64)
             .and_then(|d| d.checked_add(FIRST_BLOCK as u64))

@@ -149,6 +149,19 @@ impl Layout {
         })
     }
 
+    /// Whether the bytes between the parts and behind the last are zero.
+    fn pads_with_zeros(&self, bytes: &[u8]) -> bool {
+        let tiles = self.n as usize * self.n as usize;
+        let gaps = [
+            FIRST_AT + 4 * (tiles + 1)..self.surface_at,
+            self.surface_at + 4 * self.entries..self.value_at,
+            self.value_at + 8 * self.entries..self.state_at,
+            self.state_at + 2 * self.entries..self.mask_at,
+            self.rgb_at + 6 * self.values..bytes.len(),
+        ];
+        gaps.into_iter().flat_map(|gap| &bytes[gap]).all(|b| *b == 0)
+    }
+
     /// Checks the bytes of a tile map: that the tables fit the field's `resolution` and `tile`, are
     /// in order and agree, and that every radiance is finite and not negative.
     ///
@@ -173,6 +186,9 @@ impl Layout {
         };
         let map = TileMap { bytes, layout: &layout };
         let tiles = (n * n) as usize;
+        if !layout.pads_with_zeros(bytes) {
+            return bad("its padding is not zero");
+        }
         let first = &bytes[FIRST_AT..];
         if u32_at(first, 0) != 0 || u32_at(first, tiles) != entries {
             return bad("its tile table does not span its entries");
