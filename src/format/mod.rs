@@ -162,3 +162,17 @@ pub mod limits {
     /// Bytes of the manifest's record.
     pub const META: u64 = 64 << 20;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_that_there_is_not_is_an_error() {
+        for count in [1 << 50, u64::MAX] {
+            let fault = room_for::<u64>(count, || "a table".into()).unwrap_err();
+            assert!(matches!(&fault, Fault::Memory { what, .. } if what == "a table"), "{fault}");
+        }
+        assert!(room_for::<u64>(3, || unreachable!()).unwrap().capacity() >= 3);
+    }
+}
