@@ -1,8 +1,6 @@
 //! A field directory, finished or not, against its newest sound commit.
 
-use super::{
-    BLOCK, Checked, Finding, Place, Report, TextureBlocks, agrees, check_length, hex, padding,
-};
+use super::{BLOCK, Checked, Finding, Place, Report, TextureBlocks, agrees, check_length, hex};
 use crate::field::files::{self, Opened};
 use crate::field::storage::Storage;
 use crate::field::{FieldError, hash, read_manifest};
@@ -278,7 +276,7 @@ fn check_record(name: &str, bytes: &[u8], header: &Header) -> Result<(), Fault> 
 }
 
 /// Checks a file: first block and directory, that it belongs where it is and holds the chunks that it
-/// must, each chunk by `values`, and its padding.
+/// must, and each chunk by `values`.
 fn checked_file(
     storage: &dyn Storage,
     file: &Expected,
@@ -287,7 +285,7 @@ fn checked_file(
     let Expected { name, header, chunks } = file;
     let place = Place::file(name, header.direction);
     let mut checked = Checked::default();
-    let opened = files::open(storage, name, header.kind).and_then(|o| o.belongs(header));
+    let opened = files::open(storage, name, header.kind);
     let mut opened = match opened {
         Ok(opened) => opened,
         Err(error) => {
@@ -296,8 +294,9 @@ fn checked_file(
         }
     };
     (checked.files, checked.bytes) = (1, opened.length);
-    if opened.directory.header != *header {
-        checked.findings.push(place.clone().damaged("its sizes are not those of the field"));
+    if let Some(what) = misplaced(&opened.directory.header, header) {
+        checked.findings.push(place.damaged(what));
+        return checked;
     }
     let entries = opened.directory.entries.clone();
     let id = |kind: &ChunkKind| ChunkId {
@@ -320,6 +319,22 @@ fn checked_file(
             checked.findings.push(place.error(error));
         }
     }
-    checked.findings.extend(padding(&place, &mut opened));
     checked
+}
+
+/// Why a sound file is not the one that should be there, if it is not.
+fn misplaced(own: &Header, expected: &Header) -> Option<String> {
+    if own == expected {
+        None
+    } else if own.field != expected.field {
+        Some("belongs to another field".to_owned())
+    } else if (own.generation, own.direction) != (expected.generation, expected.direction) {
+        let direction = match own.direction {
+            NO_DIRECTION => "no direction".to_owned(),
+            direction => format!("direction {direction}"),
+        };
+        Some(format!("belongs to generation {}, {direction}", own.generation))
+    } else {
+        Some("its sizes are not those of the field".to_owned())
+    }
 }

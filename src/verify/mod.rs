@@ -16,7 +16,6 @@ pub use pack::pack;
 
 use crate::directions::Directions;
 use crate::field::FieldError;
-use crate::field::files::Opened;
 use crate::format::container::{ChunkEntry, ChunkKind, Header, NO_DIRECTION};
 use crate::format::manifest::{Manifest, Phase};
 use crate::format::{Fault, FormatError};
@@ -177,6 +176,8 @@ struct Place {
     section: Option<String>,
     direction: Option<u32>,
     offset: Option<u64>,
+    /// How the readers' messages name the chunk, which is named already.
+    named: String,
 }
 
 impl Place {
@@ -192,11 +193,12 @@ impl Place {
             direction: direction.or(self.direction),
             offset: Some(entry.offset),
             file: self.file.clone(),
+            named: format!("{:?} of direction {}: ", entry.id.kind, entry.id.direction),
         }
     }
 
     fn finding(self, trouble: Trouble, what: impl Into<String>) -> Finding {
-        let Place { file, section, direction, offset } = self;
+        let Place { file, section, direction, offset, .. } = self;
         Finding { trouble, file, section, direction, offset, what: what.into() }
     }
 
@@ -214,7 +216,11 @@ impl Place {
                 self.offset = Some(offset);
                 self.damaged("checksum mismatch")
             }
-            other => self.damaged(other.to_string()),
+            other => {
+                let what = other.to_string();
+                let what = what.strip_prefix(&self.named).unwrap_or(&what).to_owned();
+                self.damaged(what)
+            }
         }
     }
 
@@ -247,16 +253,6 @@ fn section(kind: ChunkKind) -> &'static str {
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
-
-/// Finds what of a file's padding is used.
-fn padding(place: &Place, opened: &mut Opened) -> Option<Finding> {
-    let place = Place { section: Some("padding".to_owned()), ..place.clone() };
-    match opened.used_padding() {
-        Ok(None) => None,
-        Ok(offset) => Some(Place { offset, ..place }.damaged("is not zero")),
-        Err(error) => Some(place.error(error)),
-    }
 }
 
 /// Checks what a record says beyond [`Manifest::check`]: its identity, and that it agrees with itself.

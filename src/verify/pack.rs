@@ -1,6 +1,6 @@
 //! A packed field: one file, which must be whole in itself.
 
-use super::{BLOCK, Checked, Finding, Place, Report, TextureBlocks, agrees, check_length, padding};
+use super::{BLOCK, Checked, Finding, Place, Report, TextureBlocks, agrees, check_length};
 use crate::field::files::{self, Opened};
 use crate::field::{FieldError, hash};
 use crate::format::Fault;
@@ -41,7 +41,6 @@ pub fn pack(path: &Path, progress: &(dyn Fn(f32) + Sync)) -> Result<Report, Fiel
     }
     let mut report = Report::of(&header, manifest.as_ref());
     checked.findings.extend(structure(&place, &header, &entries, manifest.as_ref()));
-    checked.findings.extend(padding(&place, &mut opened));
     report.add(checked);
 
     let pack = Pack { place, header, manifest, opened: Mutex::new(opened) };
