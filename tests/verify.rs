@@ -4,8 +4,11 @@
 
 mod common;
 
+mod sealing;
+
 use assert_cmd::Command;
 use common::{Baked, How, bake_into, bake_to, camera, parameters, scene};
+use sealing::{Chunk, rebuilt};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -18,7 +21,7 @@ use vlf::field::storage::memory::Memory;
 use vlf::field::storage::{Input, Lock, LockError, Output, Storage};
 use vlf::field::{FieldError, read_manifest};
 use vlf::format::container::{Codec, Directory};
-use vlf::format::manifest::Phase;
+use vlf::format::manifest::{Manifest, Phase};
 use vlf::look::render::method::{mark, take_tolerant};
 use vlf::pack::pack;
 use vlf::verify::{self, Report, Trouble};
@@ -462,6 +465,104 @@ fn every_flipped_bit_of_a_pack_is_found() {
             assert!(!sound, "{name}: bit {bit} makes no difference");
         }
     }
+}
+
+/// Whoever can write a file can make its hashes fit: what the bytes say is checked too, and the digest
+/// tells a field from one with other numbers.
+#[test]
+fn lies_with_sound_hashes_are_found() {
+    let (half, whole) = (memory(Some(14)), memory(None));
+    let newest = |storage: &Memory| {
+        let manifest = read_manifest(storage).unwrap().1;
+        (vlf::format::names::manifest(manifest.sequence), manifest.sequence)
+    };
+    let (record, _) = newest(&whole);
+    let sums = format!("sums-{:08}", newest(&half).1);
+    type Lie<'a> = &'a dyn Fn(&mut Vec<Chunk>);
+    let from_end = |chunk: &mut Chunk, n: usize, byte: &dyn Fn(u8) -> u8| {
+        let at = chunk.bytes.len() - n;
+        chunk.bytes[at] = byte(chunk.bytes[at]);
+    };
+    // A tile map's bytes end with halves and up to 6 bytes of padding.
+    let lies: &[(&Arc<Memory>, &str, Lie, &str)] = &[
+        (&whole, "total/000002.tiles", &|c| from_end(&mut c[0], 9, &|_| 0x7e), "not finite"),
+        (&whole, "total/000003.tiles", &|c| c[0].bytes[0] = 9, "its tiles are not"),
+        (&whole, "total/000003.tiles", &|c| c.clear(), "does not hold the chunks"),
+        (&whole, "textures-0002", &|c| c[0].bytes[3] = 0xbf, "negative or not finite"),
+        (&whole, "textures-0002", &|c| c[1].bytes[..4].fill(0xff), "negative or not finite"),
+        (&whole, "textures-0002", &|c| shorten(&mut c[1], 24), "texels take"),
+        (&whole, record, &|c| c[0].bytes[0] ^= 1, "identity"),
+        (&whole, record, &|c| shorten(&mut c[0], 1), "no valid commit record"),
+        (&half, &sums, &|c| shorten(&mut c[0], 64), "texels take"),
+        (&half, "unshot-0001/000004.tiles", &|c| drop(c.pop()), "does not hold the chunks"),
+        (&half, "unshot-0001/000004.tiles", &|c| c[1].bytes[12] ^= 1, "arrived map"),
+    ];
+    for (storage, name, lie, word) in lies {
+        let mut good = Vec::new();
+        storage.edit(name, |bytes| {
+            good.clone_from(bytes);
+            *bytes = rebuilt(bytes, lie);
+        });
+        if *word == "no valid commit record" {
+            // Half of the truth is left: the record before.
+            let report = check(&***storage);
+            assert!(report.findings[0].what.starts_with("record:"), "{:?}", report.findings);
+            assert_eq!(report.state.unwrap().commit + 1, newest_of(&good));
+        } else {
+            let report = check(&***storage);
+            let said = report.findings.iter().find(|f| f.file == *name).map(ToString::to_string);
+            assert!(said.as_ref().is_some_and(|s| s.contains(word)), "{name}, {word}: {said:?}");
+            assert_eq!(report.found, 1, "{:?}", report.findings);
+        }
+        storage.edit(name, |bytes| *bytes = good);
+        assert!(check(&***storage).is_sound());
+    }
+
+    // A number that could be true.
+    whole.edit("total/000005.tiles", |bytes| {
+        *bytes = rebuilt(bytes, &|c| from_end(&mut c[0], 10, &|b| b ^ 1));
+    });
+    let report = check(&*whole);
+    assert_eq!(report.found, 1);
+    assert_ne!(report.digest, report.stated_digest);
+    let said = report.findings[0].to_string();
+    assert!(said.contains(record) && said.contains("digest"), "{said}");
+
+    // The same in a pack.
+    let samples = Path::new(env!("CARGO_MANIFEST_DIR")).join("format-spec/samples");
+    let good = fs::read(samples.join("raw.vlf")).unwrap();
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("lie.vlf");
+    let lies: &[(Lie, &str)] = &[
+        (&|c| c[3 + 2].bytes[12] ^= 1, "total map of direction 2: tile map"),
+        (&|c| c[2].bytes[3] = 0xbf, "total texture map: texture map: a radiance"),
+        (&|c| c[0].bytes[0] ^= 1, "record: its identity"),
+        (&|c| drop(c.pop()), "holds 11 chunks, not 12"),
+        (&|c| c.swap(3, 4), "another chunk"),
+    ];
+    for (lie, word) in lies {
+        fs::write(&path, rebuilt(&good, lie)).unwrap();
+        // Some lies are told by the directory already.
+        match verify::pack(&path, &|_| ()) {
+            Ok(report) => {
+                let said: Vec<_> = report.findings.iter().map(ToString::to_string).collect();
+                assert!(said.iter().any(|s| s.contains(word)), "{word}: {said:?}");
+            }
+            Err(error) => assert_eq!(vlf::exit::code(&error), vlf::exit::CORRUPT, "{error}"),
+        }
+    }
+}
+
+/// Takes bytes from the end of a chunk.
+fn shorten(chunk: &mut Chunk, bytes: usize) {
+    let length = chunk.bytes.len() - bytes;
+    chunk.bytes.truncate(length);
+    chunk.raw = length as u64;
+}
+
+/// The commit that the bytes of a manifest record.
+fn newest_of(bytes: &[u8]) -> u64 {
+    Manifest::from_file("", bytes).unwrap().1.sequence
 }
 
 /// A disk under which a bake goes on: with each look at a commit record there is a new one.
