@@ -307,3 +307,42 @@ fn check_length(entry: &ChunkEntry, expected: Option<u64>) -> Result<(), Fault> 
         _ => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_finding_says_where_and_what_once() {
+        let place = Place::file("total/000017.tiles", 17);
+        let say = |finding: Finding| finding.to_string();
+        let missing = FieldError::io("read", "x".as_ref())(ErrorKind::NotFound.into());
+        let said = say(place.clone().error(missing));
+        assert_eq!(said, "total/000017.tiles: direction 17: is missing");
+        let fault = Fault::Checksum { what: "first block".into(), offset: 0 };
+        let said = say(place.clone().fault(fault));
+        let expected = "first block of direction 17: checksum mismatch at offset 0x0";
+        assert_eq!(said, format!("total/000017.tiles: {expected}"));
+        let named = Place { named: "Total of direction 17: ".into(), ..place.clone() };
+        let said = say(named.fault(Fault::invalid("Total of direction 17: not a zstd frame")));
+        assert_eq!(said, "total/000017.tiles: direction 17: not a zstd frame");
+        let other = Fault::Version { major: 2, minor: 0 };
+        assert_eq!(place.fault(other).trouble, Trouble::Unsupported);
+    }
+
+    #[test]
+    fn a_full_list_still_shows_the_worst() {
+        let mut report = Report::default();
+        let place = Place::file("scene", NO_DIRECTION);
+        let add = |report: &mut Report, trouble| {
+            let findings = vec![place.clone().finding(trouble, "")];
+            report.add(Checked { findings, ..Checked::default() });
+        };
+        assert!(report.is_sound() && report.trouble().is_none());
+        (0..2 * LISTED).for_each(|_| add(&mut report, Trouble::Unreadable));
+        assert_eq!(report.trouble(), Some(Trouble::Unreadable));
+        (0..3).for_each(|_| add(&mut report, Trouble::Damaged));
+        assert_eq!(report.trouble(), Some(Trouble::Damaged));
+        assert_eq!((report.findings.len(), report.found), (LISTED, 2 * LISTED as u64 + 3));
+    }
+}
