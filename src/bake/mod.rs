@@ -231,8 +231,10 @@ fn needs(
     let extent = memory::Extent::probe(&shared);
     let need = memory::Need::new(&shared, &extent, options.threads.max(1) as u64);
     if options.memory < need.smallest() {
+        // In whole units, so that what is said can be granted.
+        let unit = if need.smallest() > 1 << 20 { 1 << 20 } else { 1 << 10 };
         return Err(BakeError::Memory {
-            needs: words(need.smallest().next_multiple_of(1 << 16)),
+            needs: words(need.smallest().next_multiple_of(unit)),
             granted: words(options.memory),
             resolution: parameters.resolution,
         });
