@@ -17,8 +17,8 @@ use crate::radiance::Rgb;
 use crate::scene::texels;
 use std::io::{self, BufWriter};
 use std::path::Path;
+use std::sync::PoisonError;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, PoisonError};
 
 /// Bytes gathered before they are written; larger parts are written as they come.
 const BUFFER: usize = 1 << 16;
@@ -38,9 +38,11 @@ impl Field {
         }
         operation().map_err(|e| {
             self.poisoned.store(true, Ordering::SeqCst);
-            match doing {
-                "sync" => FieldError::Flush { path: path.to_owned(), source: Arc::new(e) },
-                _ => FieldError::io(doing, path)(e),
+            match FieldError::io(doing, path)(e) {
+                FieldError::Io { doing: "sync", path, source } => {
+                    FieldError::Flush { path, source }
+                }
+                error => error,
             }
         })
     }
@@ -60,7 +62,7 @@ impl Field {
             self.bytes_written.fetch_add(writer.length(), Ordering::Relaxed);
             writer.finish()?.into_inner().map_err(io::IntoInnerError::into_error)
         })?;
-        if self.terms.sync || name.ends_with(".tmp") {
+        if self.terms.sync || name.ends_with(names::TEMPORARY) {
             self.guarded("sync", &path, || out.sync())?;
         }
         let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder);
@@ -242,21 +244,43 @@ impl Field {
     pub fn collect(&self) -> Result<(), FieldError> {
         let needed: Vec<String> = self.committed.iter().flat_map(needed_by).collect();
         let names = self.storage.list("").map_err(FieldError::io("list", self.path()))?;
-        for name in names.iter().filter(|n| names::is_of_a_commit(n) && !needed.contains(n)) {
-            self.remove(name)?;
-        }
-        Ok(())
+        let is_old = |n: &&String| {
+            let is_begun = names::is_ours(n) && n.ends_with(names::TEMPORARY);
+            is_begun || names::is_of_a_commit(n) && !needed.contains(n)
+        };
+        names.iter().filter(is_old).try_for_each(|name| self.remove(name))
     }
 
+    /// Removes a file, or a folder of tile files; what else someone has put into one stays.
     fn remove(&self, name: &str) -> Result<(), FieldError> {
+        use io::ErrorKind::{DirectoryNotEmpty, NotADirectory, NotFound};
         let path = self.path().join(name);
-        self.guarded("remove", &path, || match self.storage.list(name) {
-            Ok(files) => {
-                files.iter().try_for_each(|f| self.storage.remove(&format!("{name}/{f}")))?;
-                self.storage.remove_folder(name)
+        self.guarded("remove", &path, || {
+            let mut files = match self.storage.list(name) {
+                Err(e) if matches!(e.kind(), NotADirectory | NotFound) => {
+                    return self.storage.remove(name);
+                }
+                files => files?,
+            };
+            files.retain(|f| names::is_tile_file(f));
+            files.iter().try_for_each(|f| self.storage.remove(&format!("{name}/{f}")))?;
+            match self.storage.remove_folder(name) {
+                Err(e) if e.kind() == DirectoryNotEmpty => Ok(()),
+                result => result,
             }
-            Err(_) => self.storage.remove(name),
         })
+    }
+
+    /// Tidies a finished field up after a run that was stopped at its very end.
+    ///
+    /// # Errors
+    /// Of the system; the field is finished all the same.
+    pub fn settle(&mut self) -> Result<(), FieldError> {
+        // The commit before the end needs what a finished field does not.
+        match self.committed.iter().all(|m| m.phase == Phase::Finished) {
+            true => self.collect(),
+            false => self.commit(),
+        }
     }
 
     /// Digest of the finished field: a hash over the scene's, the textures' and every direction's
