@@ -96,6 +96,9 @@ pub fn bake_with_bar(
         signal_hook::flag::register(number, stop.clone())?;
         signal_hook::flag::register_usize(number, signal.clone(), code as usize)?;
     }
+    // A limit on the size of files is a full disk: writing says so when the signal is caught.
+    #[cfg(unix)]
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default())?;
     let bar = Bar::new("baking");
     let options = Options {
         memory,
