@@ -247,15 +247,14 @@ impl<'a> Bake<'a> {
             let wanted =
                 Wanted { pages: what.pages, gathers: true, shared: &shared, sealed: &self.sealed };
             let place = (folder.as_str(), cycle + 1);
-            let (done, walk) =
-                self.walk(place, &wanted, |direction, worker| {
-                    let mut scratch = lock(&workers[worker]);
-                    let made = shoot(&shared, &what, DirectionId(direction), &mut scratch)?;
-                    let maps = |made: Made| {
-                        vec![(ChunkKind::Unshot, made.unshot), (ChunkKind::Arrived, made.arrived)]
-                    };
-                    Ok(made.map(maps).unwrap_or_default())
-                })?;
+            let (done, walk) = self.walk(place, &wanted, |direction, worker| {
+                let mut scratch = lock(&workers[worker]);
+                let made = shoot(&shared, &what, DirectionId(direction), &mut scratch)?;
+                let maps = |made: Made| {
+                    vec![(ChunkKind::Unshot, made.unshot), (ChunkKind::Arrived, made.arrived)]
+                };
+                Ok(made.map(maps).unwrap_or_default())
+            })?;
             gather_sums(&workers, &mut tally);
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));
             self.count_pages(pages.as_ref());
@@ -550,19 +549,17 @@ impl<'a> Bake<'a> {
                 sealed: &self.sealed,
             };
             let place = (names::TOTAL, cycle);
-            let (done, walk) =
-                self.walk(place, &wanted, |direction, worker| {
-                    let mut scratch = lock(&workers[worker]);
-                    let arrived = match &pages {
-                        Some(pages) => Some(pages.get(direction, ChunkKind::Arrived)?),
-                        None => None,
-                    };
-                    let maps = (total.as_slice(), lit.as_slice());
-                    let id = DirectionId(direction);
-                    let bytes =
-                        totals::total_map(&shared, id, maps, arrived.as_deref(), &mut scratch)?;
-                    Ok(vec![(ChunkKind::Total, bytes)])
-                })?;
+            let (done, walk) = self.walk(place, &wanted, |direction, worker| {
+                let mut scratch = lock(&workers[worker]);
+                let arrived = match &pages {
+                    Some(pages) => Some(pages.get(direction, ChunkKind::Arrived)?),
+                    None => None,
+                };
+                let maps = (total.as_slice(), lit.as_slice());
+                let id = DirectionId(direction);
+                let bytes = totals::total_map(&shared, id, maps, arrived.as_deref(), &mut scratch)?;
+                Ok(vec![(ChunkKind::Total, bytes)])
+            })?;
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));
             // With the directions they belong to, so that a resumed bake counts none twice and misses none.
             for worker in &workers {

@@ -264,9 +264,8 @@ pub enum SyncPolicy {
 impl FromStr for SyncPolicy {
     type Err = String;
     fn from_str(text: &str) -> Result<SyncPolicy, String> {
-        let seconds = |t: &str| {
-            t.trim_end_matches('s').parse().ok().filter(|s| (0.0..=86_400.0).contains(s))
-        };
+        let seconds =
+            |t: &str| t.trim_end_matches('s').parse().ok().filter(|s| (0.0..=86_400.0).contains(s));
         match (text, text.strip_prefix("interval:").and_then(seconds)) {
             ("commit", _) => Ok(SyncPolicy::Commit),
             ("none", _) => Ok(SyncPolicy::None),

@@ -1,7 +1,7 @@
 //! `vlf bake`.
 
-use super::progress::{Bar, tell};
 use super::args::{self, SyncPolicy};
+use super::progress::{Bar, tell};
 use super::{info, say, usage};
 use anyhow::Context;
 use bytesize::ByteSize;
@@ -10,9 +10,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use vlf::bake::{Options, Outcome, bake};
+use vlf::exit;
 use vlf::field::Terms;
 use vlf::format::manifest::Parameters;
-use vlf::exit;
 use vlf::scene::Report;
 use vlf::{Scene, bake::quality::Quality};
 
@@ -130,7 +130,9 @@ pub fn bake_with_bar(
     if let Some(limit) = group_limit().filter(|limit| how.memory > *limit) {
         let words = |bytes| ByteSize::b(bytes).display().iec().to_string();
         let (memory, limit) = (words(how.memory), words(limit));
-        return Err(exit::Limit(format!("--memory {memory} exceeds the control group's {limit}")).into());
+        return Err(
+            exit::Limit(format!("--memory {memory} exceeds the control group's {limit}")).into()
+        );
     }
     let stop = Arc::new(AtomicBool::new(false));
     let signal = Arc::new(AtomicUsize::new(0));

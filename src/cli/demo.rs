@@ -1,7 +1,7 @@
 //! `vlf demo`.
 
-use super::progress::{Bar, tell};
 use super::bake::How;
+use super::progress::{Bar, tell};
 use super::{args, bake, info, render};
 use anyhow::Context;
 use bytesize::ByteSize;
