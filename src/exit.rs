@@ -121,7 +121,7 @@ fn field(e: &FieldError) -> u8 {
 fn format(e: &FormatError) -> u8 {
     match &e.fault {
         fault if fault.is_unsupported() => UNSUPPORTED,
-        Fault::Limit { .. } => LIMIT,
+        Fault::Limit { .. } | Fault::Memory { .. } => LIMIT,
         _ => CORRUPT,
     }
 }
