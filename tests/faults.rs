@@ -15,6 +15,8 @@ use vlf::field::storage::Storage;
 use vlf::field::storage::faulty::{Faults, Faulty};
 use vlf::field::storage::memory::Memory;
 use vlf::field::{Terms, read_manifest};
+use vlf::format::manifest::Phase;
+use vlf::format::names;
 
 /// Bakes on a disk with faults. Returns what came of it, and the log.
 fn bake(disk: &Arc<Memory>, faults: Faults) -> (Result<Outcome, BakeError>, Vec<String>) {
@@ -151,6 +153,34 @@ fn a_disk_that_runs_full_at_any_byte_keeps_the_last_commit_and_goes_on_when_ther
         assert_eq!(Left::of(&*disk).same_as(&plain), Ok(()), "{told}");
     });
     println!("full {} times, {} of them with a commit", full.into_inner(), begun.into_inner());
+}
+
+/// Bits that have gone bad since they were written: a bake that goes on never says that it is
+/// finished over them.
+#[test]
+fn a_bake_that_goes_on_does_not_finish_over_damage() {
+    let tiny = Tiny::new();
+    let last = operations() - 40;
+    let mut damaged = 0;
+    for k in last..last + 20 {
+        let disk = Arc::new(Memory::default());
+        let faults = Faults { fail: Some(k), for_ever: true, ..Faults::default() };
+        if bake(&disk, faults).0.is_ok() {
+            continue;
+        }
+        let manifest = read_manifest(&*disk).unwrap().1;
+        let is_done = |d: &u32| manifest.phase == Phase::WritingTotals && manifest.is_done(*d);
+        let Some(done) = (0..9).find(is_done) else { continue };
+        for name in [names::tile_file(names::TOTAL, done), names::SCENE.to_owned()] {
+            disk.edit(&name, |bytes| bytes[322] ^= 1);
+            let error = tiny.bake(disk.clone()).unwrap_err();
+            assert!(error.to_string().contains("checksum mismatch"), "{error}");
+            assert!(error.to_string().contains(&name), "{error}");
+            disk.edit(&name, |bytes| bytes[322] ^= 1);
+            damaged += 1;
+        }
+    }
+    assert!(damaged > 4, "only {damaged}");
 }
 
 /// The least memory that a bake does not refuse.

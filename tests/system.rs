@@ -186,7 +186,7 @@ fn a_hundred_bakes_killed_at_random_operations_end_with_the_same_bits() {
         for _ in 0..1 + dice.next() % 3 {
             let mut child = vlf(&small(&field, sync)).spawn().unwrap();
             // Some before it has begun, most after so many steps that can be seen.
-            let mut steps = dice.next() % 120;
+            let mut steps = dice.next() % 60;
             let mut last = trace(&field);
             while steps > 0 && child.try_wait().unwrap().is_none() {
                 let now = trace(&field);

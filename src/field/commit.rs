@@ -271,6 +271,31 @@ impl Field {
         })
     }
 
+    /// Syncs what a run that left syncing to the system has written: the next commit says that all
+    /// it names has reached the disk.
+    pub(super) fn make_lasting(&self) -> Result<(), FieldError> {
+        let last = &self.manifest;
+        if !self.terms.sync || last.statistics.sync.is_some() || last.phase == Phase::Finished {
+            return Ok(());
+        }
+        let sync = |name: &str| {
+            let path = self.path().join(name);
+            self.guarded("sync", &path, || self.storage.sync_file(name))
+        };
+        let names = self.storage.list("").map_err(FieldError::io("list", self.path()))?;
+        for name in names.iter().filter(|n| names::is_ours(n) && *n != names::LOCK) {
+            // A file is no folder.
+            let Ok(files) = self.storage.list(name) else {
+                sync(name)?;
+                continue;
+            };
+            { files.iter() }.try_for_each(|f| sync(&format!("{name}/{f}")))?;
+            self.name_changed_in(name);
+        }
+        self.name_changed_in("");
+        self.sync_folders()
+    }
+
     /// Tidies a finished field up after a run that was stopped at its very end.
     ///
     /// # Errors
@@ -284,11 +309,22 @@ impl Field {
     }
 
     /// Digest of the finished field: a hash over the scene's, the textures' and every direction's
-    /// chunk hashes, in order. The same scene and parameters give the same digest on every run.
+    /// chunk hashes, in order. The same scene and parameters give the same digest on every run. All
+    /// that it stands for is read again: some of it may have been written days ago.
     ///
     /// # Errors
     /// When a file is missing or damaged.
     pub fn digest(&self) -> Result<[u8; 16], FieldError> {
+        let verify = |name: &str, kind| -> Result<(), FieldError> {
+            let mut file = files::open(&*self.storage, name, kind)?;
+            let entries = file.directory.entries.clone();
+            entries.iter().try_for_each(|entry| file.chunk(entry).map(|_| ()))
+        };
+        verify(names::SCENE, FileKind::Scene)?;
+        verify(&names::textures(self.manifest.cycle), FileKind::Textures)?;
+        for direction in 0..self.manifest.parameters.directions {
+            verify(&names::tile_file(names::TOTAL, direction), FileKind::Tiles)?;
+        }
         digest(&*self.storage, &self.manifest)
     }
 }

@@ -253,6 +253,7 @@ impl Field {
         if begun {
             field.keep_previous()?;
             field.try_to_write()?;
+            field.make_lasting()?;
         } else {
             field.write_scene(&scene_bytes)?;
             field.commit()?;

@@ -40,13 +40,14 @@ pub struct Tiny {
     pub memory: u64,
     pub threads: usize,
     pub force: bool,
+    pub sync: bool,
 }
 
 impl Tiny {
     pub fn new() -> Tiny {
         let parameters = Parameters { tile: 8, ..parameters(9, 16, 3) };
         let scene = scene_of(OBJ, MTL);
-        Tiny { scene, parameters, memory: 1 << 28, threads: 1, force: false }
+        Tiny { scene, parameters, memory: 1 << 28, threads: 1, force: false, sync: true }
     }
 
     /// Bakes, or goes on baking, with a commit whenever there is anything to commit.
@@ -58,7 +59,7 @@ impl Tiny {
             progress: &|_| (),
             order: None,
             commit_every: 0.0,
-            terms: Terms::default(),
+            terms: Terms { sync: self.sync, lock: true },
             force: self.force,
         };
         bake_in(storage, &self.scene, &self.parameters, &options)

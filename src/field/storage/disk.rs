@@ -152,6 +152,11 @@ impl Storage for Disk {
         sync_folder(&self.path(folder))
     }
 
+    fn sync_file(&self, name: &str) -> io::Result<()> {
+        // Some systems sync only what could be written.
+        File::options().write(true).open(self.path(name))?.sync_all()
+    }
+
     fn free(&self) -> Option<u64> {
         // The folder itself may not be there yet.
         let there = self.root.ancestors().find(|p| p.is_dir()).unwrap_or(Path::new("."));

@@ -140,6 +140,11 @@ impl<S: Storage> Storage for Faulty<S> {
         if self.hurt.skips() { Ok(()) } else { self.inner.sync_folder(folder) }
     }
 
+    fn sync_file(&self, name: &str) -> io::Result<()> {
+        self.hurt.step("sync", name)?;
+        if self.hurt.skips() { Ok(()) } else { self.inner.sync_file(name) }
+    }
+
     fn free(&self) -> Option<u64> {
         self.inner.free()
     }

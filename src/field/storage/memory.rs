@@ -153,6 +153,11 @@ fn apply(tree: &mut Tree, change: &[(String, Option<Shared>)]) {
 }
 
 impl File {
+    fn sync(&mut self) {
+        self.synced = self.live.clone();
+        self.pending.clear();
+    }
+
     /// What of it a disk holds after the power went.
     fn torn(&self, dice: &mut impl FnMut() -> u64) -> File {
         let mut bytes = self.synced.clone();
@@ -282,6 +287,11 @@ impl Storage for Memory {
         Ok(())
     }
 
+    fn sync_file(&self, name: &str) -> io::Result<()> {
+        lock(&*self.file(name)?).sync();
+        Ok(())
+    }
+
     fn free(&self) -> Option<u64> {
         Some(self.capacity.load(Ordering::Relaxed).saturating_sub(self.used()))
     }
@@ -340,9 +350,7 @@ impl Seek for Writing {
 
 impl Output for Writing {
     fn sync(&mut self) -> io::Result<()> {
-        let mut file = lock(&self.file);
-        file.synced = file.live.clone();
-        file.pending.clear();
+        lock(&self.file).sync();
         Ok(())
     }
 }
