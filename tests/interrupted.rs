@@ -99,7 +99,7 @@ fn interrupted_politely_it_stops_keeps_its_work_and_says_how_to_go_on() {
     for (name, code) in [("-INT", 130), ("-TERM", 143)] {
         let folder = TempDir::new().unwrap();
         let field = folder.path().join("room.field");
-        let mut child = command(&field, "2049").spawn().unwrap();
+        let child = command(&field, "2049").spawn().unwrap();
         // Past the first directions, so that there is something to keep.
         let written = || std::fs::read_dir(field.join("unshot-0001")).map_or(0, Iterator::count);
         let start = Instant::now();

@@ -271,12 +271,17 @@ impl Field {
         })
     }
 
-    /// Syncs what a run that left syncing to the system has written: the next commit says that all
-    /// it names has reached the disk.
+    /// Makes sure of what this run goes on from. The run before may have been killed before the last
+    /// sync of its commit, or have left syncing to the system; the next commit says that all it names
+    /// has reached the disk.
     pub(super) fn make_lasting(&self) -> Result<(), FieldError> {
         let last = &self.manifest;
-        if !self.terms.sync || last.statistics.sync.is_some() || last.phase == Phase::Finished {
+        if !self.terms.sync || last.phase == Phase::Finished {
             return Ok(());
+        }
+        self.name_changed_in("");
+        if last.statistics.sync.is_some() {
+            return self.sync_folders();
         }
         let sync = |name: &str| {
             let path = self.path().join(name);
@@ -292,7 +297,6 @@ impl Field {
             { files.iter() }.try_for_each(|f| sync(&format!("{name}/{f}")))?;
             self.name_changed_in(name);
         }
-        self.name_changed_in("");
         self.sync_folders()
     }
 
