@@ -17,12 +17,12 @@ use vlf::format::names;
 /// Losses for each operation: of all that was not synced, and of any part of it.
 const SEEDS: u64 = 3;
 
-/// A sync that is only said to be done; see [`Faults::unsynced`].
-type Unsynced = Option<fn(&[String]) -> bool>;
+/// Whether the last operation is a sync that is only said to be done; see [`Faults::unsynced`].
+type Skips = fn(&[String]) -> bool;
 
 /// Bakes until the power goes before operation `k`. Returns how many commits had returned by then,
 /// or `None` if the bake came to its end before.
-fn until(disk: &Arc<Memory>, tiny: &Tiny, k: u64, unsynced: Unsynced) -> Option<u64> {
+fn until(disk: &Arc<Memory>, tiny: &Tiny, k: u64, unsynced: Option<Skips>) -> Option<u64> {
     let faults = Faults { fail: Some(k), for_ever: true, unsynced, ..Faults::default() };
     let faulty = Arc::new(Faulty::new(disk.clone(), faults));
     let result = tiny.bake(faulty.clone());
@@ -193,7 +193,7 @@ fn ends_a_commit(log: &[String]) -> bool {
 }
 
 /// Every kind of sync that a bake does.
-const SYNCS: [(&str, fn(&[String]) -> bool); 8] = [
+const SYNCS: [(&str, Skips); 8] = [
     ("tile files", |log| last(log).ends_with(".tiles")),
     ("sums", |log| last(log).starts_with("sync sums-")),
     ("textures", |log| last(log).starts_with("sync textures-")),

@@ -116,15 +116,19 @@ impl Storage for Disk {
             return Err(io::Error::other("not a regular file"));
         }
         let file = File::create(path)?;
-        while reserve > 0 {
-            match FileExt::allocate(&file, reserve) {
-                // By a signal.
-                Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
+        if reserve > 0 {
+            let reserved = loop {
+                match FileExt::allocate(&file, reserve) {
+                    // By a signal.
+                    Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                    result => break result,
+                }
+            };
+            match reserved {
                 // Some file systems cannot; then running full is found out while writing.
                 Err(e) if e.kind() == io::ErrorKind::Unsupported => {}
                 result => result?,
             }
-            break;
         }
         Ok(Box::new(file))
     }

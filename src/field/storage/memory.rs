@@ -101,7 +101,7 @@ impl Memory {
         let names = lock(&self.names);
         let mut tree = names.synced.clone();
         for change in &names.pending {
-            if dice() % 2 == 0 {
+            if dice().is_multiple_of(2) {
                 apply(&mut tree, change);
             }
         }
@@ -163,7 +163,7 @@ impl File {
         let mut bytes = self.synced.clone();
         for change in &self.pending {
             let Change::Bytes(at, written) = change else {
-                if dice() % 2 == 0 {
+                if dice().is_multiple_of(2) {
                     bytes.clear();
                 }
                 continue;
@@ -172,7 +172,7 @@ impl File {
             let mut from = 0;
             while from < written.len() {
                 let to = written.len().min((at + from + sector) / sector * sector - at);
-                if dice() % 2 == 0 {
+                if dice().is_multiple_of(2) {
                     put(&mut bytes, at + from, &written[from..to]);
                 }
                 from = to;
