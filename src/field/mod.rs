@@ -17,9 +17,9 @@ pub mod pages;
 
 pub mod writer;
 
-use crate::format::container::{FileKind, Header, NO_DIRECTION};
-use crate::format::manifest::{Manifest, Parameters, Phase, Statistics, header};
-use crate::format::{FormatError, names};
+use crate::format::container::{FieldId, FileKind, Header, NO_DIRECTION};
+use crate::format::manifest::{Manifest, Parameters, Phase, Statistics, header, record_to_bytes};
+use crate::format::{Fault, FormatError, names};
 use crate::scene::{Scene, stored};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -103,6 +103,9 @@ pub enum FieldError {
         /// The difference.
         what: String,
     },
+    /// A reader found no moment at which all of it was there.
+    #[error("{0}: is being written faster than it can be checked; wait for the bake or stop it")]
+    Moving(PathBuf),
 }
 
 impl FieldError {
@@ -154,8 +157,18 @@ impl Default for Terms {
     }
 }
 
-fn hash(bytes: &[u8]) -> [u8; 16] {
+/// The 128-bit hash that scenes, digests and identities are.
+pub fn hash(bytes: &[u8]) -> [u8; 16] {
     XxHash3_128::oneshot(bytes).to_le_bytes()
+}
+
+/// Identity of the field that a manifest is of: the same for every bake of the same thing.
+///
+/// # Errors
+/// When its parameters take more bytes than a record may.
+pub fn identity(manifest: &Manifest) -> Result<FieldId, Fault> {
+    let Manifest { revision, parameters, scene_hash, .. } = manifest;
+    Ok(hash(&record_to_bytes(&(revision, parameters, scene_hash))?))
 }
 
 /// Names the first difference between what a field was begun with and what is asked for.
@@ -204,16 +217,10 @@ impl Field {
             statistics: Statistics::default(),
             digest: [0; 16],
         };
-        let record = crate::format::manifest::record_to_bytes(&(
-            fresh.revision,
-            &fresh.parameters,
-            fresh.scene_hash,
-        ))
-        .map_err(|f| f.in_file(path.display()))?;
+        let id = identity(&fresh).map_err(|f| f.in_file(path.display()))?;
         let surfaces = scene.surfaces.len() as u32;
         let place = (0, NO_DIRECTION);
-        let fresh_header =
-            header(FileKind::Manifest, hash(&record), parameters, surfaces, exponent, place);
+        let fresh_header = header(FileKind::Manifest, id, parameters, surfaces, exponent, place);
 
         if !may_be_field(&*storage)? {
             return Err(FieldError::Foreign(path));
