@@ -93,7 +93,7 @@ fn whatever_operation_fails_it_is_said_nothing_more_is_written_and_it_goes_on() 
                     assert!(!after.contains(&again), "{told}: {again} again");
                 }
             }
-            let newest = newest_commit(&*disk).unwrap_or_else(|e| panic!("{told}: {e}"));
+            let newest = newest_commit(&*disk, "").unwrap_or_else(|e| panic!("{told}: {e}"));
             assert_eq!(tiny.bake(disk.clone()).unwrap(), Outcome::Finished, "{told}");
             let same = Left::of(&*disk).same_as(&plain);
             assert_eq!(same, Ok(()), "{told}, gone on from {newest:?}");
@@ -143,11 +143,11 @@ fn a_disk_that_runs_full_at_any_byte_keeps_the_last_commit_and_goes_on_when_ther
             }
             other => panic!("{told}: {other:?}"),
         }
-        let newest = newest_commit(&*disk).unwrap_or_else(|e| panic!("{told}: {e}"));
+        let newest = newest_commit(&*disk, "").unwrap_or_else(|e| panic!("{told}: {e}"));
         begun.fetch_add(u64::from(newest.is_some()), Ordering::Relaxed);
         // Still full: refused in the same words, and nothing is lost by trying.
         assert!(tiny.bake(disk.clone()).is_err(), "{told}");
-        assert_eq!(newest_commit(&*disk), Ok(newest), "{told}");
+        assert_eq!(newest_commit(&*disk, ""), Ok(newest), "{told}");
         disk.set_capacity(u64::MAX);
         assert_eq!(tiny.bake(disk.clone()).unwrap(), Outcome::Finished, "{told}");
         assert_eq!(Left::of(&*disk).same_as(&plain), Ok(()), "{told}");

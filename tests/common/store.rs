@@ -7,13 +7,11 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use twox_hash::XxHash3_128;
 use vlf::bake::{BakeError, Options, Outcome, bake_in};
 use vlf::field::storage::Storage;
 use vlf::field::storage::memory::Memory;
 use vlf::field::{Terms, files, read_manifest};
-use vlf::format::container::{ChunkKind, FileKind, Header, NO_DIRECTION};
-use vlf::format::manifest::{Manifest, Phase};
+use vlf::format::manifest::Phase;
 use vlf::format::names;
 use vlf::{Parameters, Scene};
 
@@ -115,64 +113,19 @@ impl Left {
     }
 }
 
-/// Number of the newest commit, after a look at everything that it names; `None` when there is none.
-pub fn newest_commit(storage: &dyn Storage) -> Result<Option<u64>, String> {
+/// Number of the newest commit, after a check of everything that it names; `None` when there is none.
+/// Nothing is wrong with it, save a commit record that was damaged on purpose.
+pub fn newest_commit(storage: &dyn Storage, damaged: &str) -> Result<Option<u64>, String> {
     let is_begun = |name: &String| names::MANIFESTS.contains(&name.as_str());
     if !storage.list("").map_err(|e| e.to_string())?.iter().any(is_begun) {
         return Ok(None);
     }
-    let (header, manifest) = read_manifest(storage).map_err(|e| e.to_string())?;
-    whole(storage, &header, &manifest)
-        .map_err(|e| format!("commit {} names what is lost: {e}", manifest.sequence))?;
-    Ok(Some(manifest.sequence))
-}
-
-/// Reads every byte that a commit names.
-fn whole(storage: &dyn Storage, header: &Header, m: &Manifest) -> Result<(), String> {
-    let read = |name: &str, kind, (generation, direction), chunks: &[ChunkKind]| {
-        let header = Header { kind, generation, direction, ..header.clone() };
-        let mut file = files::open(storage, name, kind)?.belongs(&header)?;
-        let mut all = Vec::new();
-        for chunk in chunks {
-            let entry = file.find(*chunk, direction)?;
-            all = file.chunk(&entry)?;
-        }
-        Ok(all)
-    };
-    let read = |name: &str, kind, place, chunks: &[ChunkKind]| {
-        read(name, kind, place, chunks).map_err(|e: vlf::FieldError| e.to_string())
-    };
-    let nowhere = (m.cycle, NO_DIRECTION);
-    let scene = read(names::SCENE, FileKind::Scene, (0, NO_DIRECTION), &[ChunkKind::Scene])?;
-    if XxHash3_128::oneshot(&scene).to_le_bytes() != m.scene_hash {
-        return Err("another scene".to_owned());
+    let report = vlf::verify::field(storage, &|_| ()).map_err(|e| e.to_string())?;
+    let commit = report.state.map(|s| s.commit);
+    match report.findings.iter().find(|f| f.file != damaged) {
+        Some(finding) => Err(format!("commit {commit:?} is not whole: {finding}")),
+        None => Ok(commit),
     }
-    if m.cycle > 0 {
-        let maps = [ChunkKind::TotalTexture, ChunkKind::CurrentTexture];
-        read(&names::textures(m.cycle), FileKind::Textures, nowhere, &maps)?;
-    }
-    if m.has_sums {
-        read(&names::sums(m.sequence), FileKind::Sums, nowhere, &[ChunkKind::Sums])?;
-    }
-    let tiles = |folder: &str, generation, direction, chunks: &[ChunkKind]| {
-        let name = names::tile_file(folder, direction);
-        read(&name, FileKind::Tiles, (generation, direction), chunks).map(|_| ())
-    };
-    let mirrors = [ChunkKind::Unshot, ChunkKind::Arrived];
-    for direction in 0..m.parameters.directions {
-        if m.cycle > 0 && m.phase != Phase::Finished {
-            tiles(&names::generation(m.cycle), m.cycle, direction, &mirrors)?;
-        }
-        match m.phase {
-            Phase::Propagating if m.is_done(direction) => {
-                tiles(&names::generation(m.cycle + 1), m.cycle + 1, direction, &mirrors)?;
-            }
-            Phase::WritingTotals if !m.is_done(direction) => {}
-            Phase::Propagating => {}
-            _ => tiles(names::TOTAL, m.cycle, direction, &[ChunkKind::Total])?,
-        }
-    }
-    Ok(())
 }
 
 /// Runs something that must not hang.
