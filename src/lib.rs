@@ -82,6 +82,8 @@ pub mod pack;
 
 pub mod look;
 
+pub mod verify;
+
 pub mod exit;
 
 pub use bake::{BakeError, Outcome, bake};

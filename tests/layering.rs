@@ -7,7 +7,7 @@ mod source;
 use std::fs;
 
 /// The data's way through the library. `lib.rs` lists those that exist in this order.
-const ORDER: [&str; 12] = [
+const ORDER: [&str; 13] = [
     "radiance",
     "ids",
     "directions",
@@ -19,6 +19,7 @@ const ORDER: [&str; 12] = [
     "bake",
     "pack",
     "look",
+    "verify",
     "exit",
 ];
 

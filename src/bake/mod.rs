@@ -195,11 +195,14 @@ pub fn bake_in(
     if !there && free < disk && !options.force {
         return Err(BakeError::Space { needs: words(disk), free: words(free) });
     }
-    let field = Field::create_or_resume(storage, scene, parameters, exponent, options.terms)?;
+    let mut field = Field::create_or_resume(storage, scene, parameters, exponent, options.terms)?;
     if let Some(notice) = field.notice() {
         tracing::warn!("{}: {notice}", field.path().display());
     }
     if field.manifest().phase == Phase::Finished {
+        if let Err(error) = field.settle() {
+            tracing::warn!("the field is finished, but not tidied up: {error}");
+        }
         return Ok(Outcome::Finished);
     }
     field.collect()?;

@@ -8,6 +8,7 @@ mod info;
 mod progress;
 mod render;
 mod scene;
+mod verify;
 
 use clap::Parser;
 use std::io::{IsTerminal, Write};
@@ -26,6 +27,7 @@ pub fn run() -> ExitCode {
         args::Command::Demo(a) => demo::run(&a),
         args::Command::Bake(a) => bake::run(&a),
         args::Command::Info(a) => info::run(&a),
+        args::Command::Verify(a) => verify::run(&a),
         args::Command::Render(a) => render::run(&a),
         args::Command::Compare(a) => compare::run(&a),
         args::Command::Scene(a) => scene::run(&a),
