@@ -258,7 +258,9 @@ impl Field {
             _lock: lock,
         };
         if begun {
-            field.keep_previous();
+            field.keep_previous()?;
+            field.try_to_write()?;
+            field.make_lasting()?;
         } else {
             field.write_scene(&scene_bytes)?;
             field.commit()?;
@@ -267,12 +269,26 @@ impl Field {
     }
 
     /// The commit before the one taken up, if it is sound: its files stay until the next commit.
-    fn keep_previous(&mut self) {
-        let name = names::manifest(self.manifest.sequence + 1);
-        let Ok(bytes) = files::read(&*self.storage, name) else { return };
-        if let Ok((_, before)) = Manifest::from_file(name, &bytes) {
-            self.committed.insert(0, before);
+    fn keep_previous(&mut self) -> Result<(), FieldError> {
+        for (name, bytes) in manifest_files(&*self.storage)?.into_iter().flatten() {
+            match Manifest::from_file(&name, &bytes) {
+                Ok((_, m)) if m.sequence < self.manifest.sequence => self.committed.insert(0, m),
+                _ => {}
+            }
         }
+        Ok(())
+    }
+
+    /// Finds out whether an unfinished field can be gone on with here before much is computed for it.
+    fn try_to_write(&self) -> Result<(), FieldError> {
+        if self.manifest.phase == Phase::Finished {
+            return Ok(());
+        }
+        // The next commit makes this file anew.
+        let name = names::temporary(names::manifest(self.manifest.sequence + 1));
+        let path = self.path().join(&name);
+        self.storage.create(&name, 0).map_err(FieldError::io("write", &path))?;
+        Ok(())
     }
 
     /// Where it is.
@@ -321,7 +337,8 @@ fn may_be_field(storage: &dyn Storage) -> Result<bool, FieldError> {
         Err(e) => return Err(FieldError::io("list", storage.place())(e)),
     };
     let is_begun = names.iter().any(|n| names::MANIFESTS.contains(&n.as_str()));
-    let is_first = |n: &String| n == names::LOCK || n == names::SCENE || n.ends_with(".tmp");
+    let is_first =
+        |n: &String| n == names::LOCK || n == names::SCENE || n.ends_with(names::TEMPORARY);
     Ok(names.iter().all(|n| names::is_ours(n) && (is_begun || is_first(n))))
 }
 

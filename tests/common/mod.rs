@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "each journey takes its own part")]
 
+pub mod store;
+
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
