@@ -68,6 +68,7 @@ fn one(e: &(dyn Error + 'static)) -> Option<u8> {
         return Some(match e {
             PackError::Field(e) => field(e),
             PackError::Unfinished(_) => USAGE,
+            PackError::Foreign(_) => CORRUPT,
             _ => IO,
         });
     }

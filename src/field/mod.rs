@@ -380,6 +380,10 @@ fn manifest_files(storage: &dyn Storage) -> Result<ManifestFiles, FieldError> {
 /// When there is none, or none is sound.
 pub fn read_manifest(storage: &dyn Storage) -> Result<(Header, Manifest), FieldError> {
     let files = manifest_files(storage)?;
+    if files.iter().all(Option::is_none) {
+        // A folder without a field is another mistake than none at all.
+        storage.list("").map_err(FieldError::io("read", storage.place()))?;
+    }
     let (header, manifest, _) = Manifest::newest(&storage.place().display().to_string(), files)?;
     Ok((header, manifest))
 }

@@ -207,7 +207,7 @@ impl Output for Writing {
 
 #[cfg(test)]
 mod tests {
-    use super::super::memory::Memory;
+    use crate::field::storage::memory::Memory;
     use super::*;
 
     fn faulty(faults: Faults) -> Faulty<Memory> {

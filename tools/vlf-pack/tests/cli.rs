@@ -71,9 +71,9 @@ fn what_is_wrong_is_said_and_nothing_is_overwritten() {
     for (args, code, words) in [
         (&["half.field", "-o", "out.vlf"][..], 2, &["half.field", "not finished"][..]),
         (&["gone.field", "-o", "out.vlf"], 3, &["gone.field"]),
-        (&["photos", "-o", "out.vlf"], 3, &["photos"]),
-        (&["room.field", "-o", "letter.txt"], 3, &["letter.txt", "nothing was changed"]),
-        (&["room.field", "-o", "photos"], 3, &["photos", "nothing was changed"]),
+        (&["photos", "-o", "out.vlf"], 4, &["photos"]),
+        (&["room.field", "-o", "letter.txt"], 4, &["letter.txt", "nothing was changed"]),
+        (&["room.field", "-o", "photos"], 4, &["photos", "nothing was changed"]),
         (&["room.field", "-o", "nowhere/out.vlf"], 3, &["nowhere"]),
         (&["room.field"], 2, &["--output"]),
         (&["room.field", "-o", "out.vlf", "--codec", "zip"], 2, &["zip", "zstd"]),
