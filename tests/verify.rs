@@ -626,6 +626,9 @@ impl Storage for Moving {
     fn sync_folder(&self, _: &str) -> std::io::Result<()> {
         unreachable!("a check writes nothing")
     }
+    fn sync_file(&self, _: &str) -> std::io::Result<()> {
+        unreachable!("a check writes nothing")
+    }
     fn free(&self) -> Option<u64> {
         None
     }
