@@ -620,9 +620,6 @@ impl Storage for Moving {
     fn remove_folder(&self, _: &str) -> std::io::Result<()> {
         unreachable!("a check writes nothing")
     }
-    fn sync_file(&self, _: &str) -> std::io::Result<()> {
-        unreachable!("a check writes nothing")
-    }
     fn sync_folder(&self, _: &str) -> std::io::Result<()> {
         unreachable!("a check writes nothing")
     }
