@@ -207,8 +207,8 @@ impl Output for Writing {
 
 #[cfg(test)]
 mod tests {
-    use crate::field::storage::memory::Memory;
     use super::*;
+    use crate::field::storage::memory::Memory;
 
     fn faulty(faults: Faults) -> Faulty<Memory> {
         Faulty::new(Arc::new(Memory::default()), faults)
