@@ -14,7 +14,7 @@ use vlf::scene::Report;
 use vlf::{Scene, bake::quality::Quality};
 
 /// Seconds between commits: what a kill can cost.
-const COMMIT_EVERY: f64 = 5.0;
+pub const COMMIT_EVERY: f64 = 5.0;
 
 /// Passes of the filter over the Next Texture Maps unless said otherwise.
 pub const FILTER: u32 = 0;
@@ -23,21 +23,10 @@ pub const FILTER: u32 = 0;
 const UNSHOT_FRACTION: f64 = 1e-3;
 
 pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
-    let (scene, report) = Scene::open(&a.scene)?;
-    let quality: Quality = a.quality.into();
-    let parameters = Parameters {
-        directions: a.directions,
-        resolution: a.resolution,
-        tile: a.tile,
-        cycles: a.cycles.0,
-        unshot_fraction: UNSHOT_FRACTION,
-        perturbations: a.perturb.clone().unwrap_or_else(|| quality.perturbations()),
-        texel_cells: a.texel,
-        filter: a.filter,
-        one_sided: a.one_sided,
-    };
+    let b = &a.baking;
+    let (scene, report) = Scene::open(&b.scene)?;
     tell_report(&report);
-    let code = bake_with_bar(&scene, &parameters, &a.output, a.memory.as_u64(), a.threads)?;
+    let code = bake_with_bar(&scene, &parameters(b), &a.output, b.memory.as_u64(), b.threads)?;
     if code != 0 {
         return Ok(code);
     }
@@ -49,6 +38,22 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
         say(&info::summary(&a.output)?)?;
     }
     Ok(0)
+}
+
+/// What decides the bits, as it was typed.
+pub fn parameters(a: &args::Baking) -> Parameters {
+    let quality: Quality = a.quality.into();
+    Parameters {
+        directions: a.directions,
+        resolution: a.resolution,
+        tile: a.tile,
+        cycles: a.cycles.0,
+        unshot_fraction: UNSHOT_FRACTION,
+        perturbations: a.perturb.clone().unwrap_or_else(|| quality.perturbations()),
+        texel_cells: a.texel,
+        filter: a.filter,
+        one_sided: a.one_sided,
+    }
 }
 
 /// Prints what was made of a scene's files.
