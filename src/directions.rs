@@ -112,12 +112,14 @@ impl Directions {
     /// All ids along a Hilbert curve over the lattice: lines that are near each other in it are near
     /// each other on the sphere, for as long as can be.
     pub fn curve(&self) -> Vec<DirectionId> {
-        let along = |place: i32| (place + self.steps) as u32;
-        let order = (2 * self.steps as u32 + 1).next_power_of_two().ilog2() as u8;
+        // The upper half of the lattice is a square that stands on a corner: turned by 45 degrees it
+        // fills the curve's own. The last row and column, one too many, go with their neighbours.
+        let along = |place: i32| (place + self.steps).min(2 * self.steps - 1) as u32;
+        let order = (2 * self.steps as u32).ilog2() as u8;
         let mut ids: Vec<DirectionId> = self.ids().collect();
         ids.sort_by_cached_key(|id| {
             let (x, y) = self.places[id.index()];
-            fast_hilbert::xy2h(along(x), along(y), order)
+            (fast_hilbert::xy2h(along(x + y), along(x - y), order), *id)
         });
         ids
     }
@@ -248,6 +250,24 @@ pub fn sphere_to_square(d: DVec3) -> DVec2 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn the_curve_visits_every_line_once_in_small_steps() {
+        for lines in [3, 9, 33, 2049] {
+            let directions = Directions::with_lines(lines).unwrap();
+            let curve = directions.curve();
+            let mut ids: Vec<u32> = curve.iter().map(|id| id.0).collect();
+            ids.sort_unstable();
+            assert_eq!(ids, (0..lines).collect::<Vec<_>>());
+            // A lattice step is about sqrt(2 pi / l) on the sphere.
+            let angle = |a: DirectionId, b: DirectionId| {
+                directions.vector(a).dot(directions.vector(b)).abs().min(1.0).acos()
+            };
+            let steps: f32 = curve.windows(2).map(|w| angle(w[0], w[1])).sum();
+            let mean = steps / curve.len() as f32;
+            assert!(mean < 2.0 * (2.0 * std::f32::consts::PI / lines as f32).sqrt(), "{mean}");
+        }
+    }
 
     #[test]
     fn counts_are_the_papers() {

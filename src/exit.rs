@@ -26,6 +26,11 @@ const IDENTITY: u8 = 8;
 #[error("{0}")]
 pub struct Usage(pub String);
 
+/// What was asked for is more than this machine allows.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Limit(pub String);
+
 /// The exit code of an error: that of the first error in its chain of causes that has one.
 pub fn code(error: &(dyn Error + 'static)) -> u8 {
     causes(error).find_map(one).unwrap_or(IO)
@@ -44,6 +49,9 @@ fn causes<'a>(error: &'a (dyn Error + 'static)) -> impl Iterator<Item = &'a (dyn
 fn one(e: &(dyn Error + 'static)) -> Option<u8> {
     if e.is::<Usage>() {
         return Some(USAGE);
+    }
+    if e.is::<Limit>() {
+        return Some(LIMIT);
     }
     if let Some(e) = e.downcast_ref::<BakeError>() {
         return Some(match e {
@@ -113,7 +121,7 @@ fn field(e: &FieldError) -> u8 {
 fn format(e: &FormatError) -> u8 {
     match &e.fault {
         fault if fault.is_unsupported() => UNSUPPORTED,
-        Fault::Limit { .. } => LIMIT,
+        Fault::Limit { .. } | Fault::Memory { .. } => LIMIT,
         _ => CORRUPT,
     }
 }

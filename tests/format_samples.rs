@@ -4,6 +4,8 @@
 //! `VLF_WRITE_SAMPLES=1 cargo test --release --test format_samples` makes them again and then fails,
 //! so that nobody makes them again unseen.
 
+mod sealing;
+
 use glam::Vec3;
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -61,7 +63,7 @@ struct Damage {
     fault: fn(&Fault) -> bool,
 }
 
-const DAMAGED: [Damage; 15] = [
+const DAMAGED: [Damage; 20] = [
     Damage {
         name: "flipped-bit-in-first-block.tiles",
         from: "total.tiles",
@@ -158,6 +160,37 @@ const DAMAGED: [Damage; 15] = [
         make: <[u8]>::to_vec,
         fault: |f| matches!(f, Fault::Invalid(_)),
     },
+    Damage {
+        name: "padding-byte-set.vlf",
+        from: "raw.vlf",
+        make: |b| edited(b, |b| b[padding(b)] = 1),
+        fault: |f| matches!(f, Fault::Invalid(what) if what.contains("padding")),
+    },
+    Damage {
+        name: "raw-length-off-by-one.vlf",
+        from: "zstd.vlf",
+        make: |b| sealing::rebuilt(b, &|chunks| chunks[1].raw += 1),
+        fault: |f| matches!(f, Fault::Invalid(what) if what.contains("another size")),
+    },
+    Damage {
+        name: "two-frames.vlf",
+        from: "zstd.vlf",
+        // The second frame says that it holds nothing, and holds nothing.
+        make: |b| sealing::rebuilt(b, &|chunks| chunks[1].bytes.extend(EMPTY_FRAME)),
+        fault: |f| matches!(f, Fault::Invalid(what) if what.contains("another size")),
+    },
+    Damage {
+        name: "overlap.vlf",
+        from: "raw.vlf",
+        make: |b| with_chunk_moved(b, 4, -64),
+        fault: |f| matches!(f, Fault::Invalid(what) if what.starts_with("chunk 4 is not where")),
+    },
+    Damage {
+        name: "hole.vlf",
+        from: "raw.vlf",
+        make: |b| with_chunk_moved(b, 4, 64),
+        fault: |f| matches!(f, Fault::Invalid(what) if what.starts_with("chunk 4 is not where")),
+    },
 ];
 
 fn edited(bytes: &[u8], edit: impl FnOnce(&mut [u8])) -> Vec<u8> {
@@ -169,13 +202,35 @@ fn edited(bytes: &[u8], edit: impl FnOnce(&mut [u8])) -> Vec<u8> {
 /// Edits first block and directory, then makes their hashes fit again.
 fn resealed(bytes: &[u8], edit: impl FnOnce(&mut [u8])) -> Vec<u8> {
     edited(bytes, |b| {
-        let chunks = number(&b[88..96]) as usize;
         edit(b);
-        let directory = XxHash3_64::oneshot(&b[FIRST_BLOCK..FIRST_BLOCK + chunks * ENTRY]);
-        b[96..104].copy_from_slice(&directory.to_le_bytes());
-        let block = XxHash3_64::oneshot(&b[..248]);
-        b[248..256].copy_from_slice(&block.to_le_bytes());
+        sealing::seal_head(b).unwrap();
     })
+}
+
+/// A zstd frame of no bytes, which says so.
+const EMPTY_FRAME: [u8; 9] = [0x28, 0xb5, 0x2f, 0xfd, 0x20, 0, 1, 0, 0];
+
+/// Where the first byte of padding is.
+fn padding(file: &[u8]) -> usize {
+    let mut ends =
+        (0..sealing::chunks(file).unwrap()).map(|k| sealing::stored(file, k).unwrap().end);
+    ends.find(|end| end % 64 != 0).unwrap()
+}
+
+/// Moves a chunk, and all behind it, by a multiple of 64 bytes.
+fn with_chunk_moved(file: &[u8], chunk: usize, by: i64) -> Vec<u8> {
+    let from = sealing::stored(file, chunk).unwrap().start;
+    let mut out = match by {
+        0.. => [&file[..from], &vec![0; by as usize], &file[from..]].concat(),
+        _ => [&file[..from - by.unsigned_abs() as usize], &file[from..]].concat(),
+    };
+    for k in chunk..sealing::chunks(file).unwrap() {
+        let at = sealing::entry(k).start + 16;
+        let offset = number(&file[at..at + 8]).wrapping_add_signed(by);
+        out[at..at + 8].copy_from_slice(&offset.to_le_bytes());
+    }
+    sealing::seal(&mut out);
+    out
 }
 
 /// The stored bytes of a chunk.
@@ -242,7 +297,7 @@ fn parameters() -> Parameters {
 fn bake_tiny(path: &Path, stop_in: Option<u32>) -> Outcome {
     let stop = AtomicBool::new(false);
     let progress = |p: &bake::Progress| {
-        if p.phase == Phase::Propagating && Some(p.cycle) == stop_in {
+        if !p.preparing && p.phase == Phase::Propagating && Some(p.cycle) == stop_in {
             stop.store(true, Ordering::Relaxed);
         }
     };
@@ -374,18 +429,57 @@ fn samples_are_those_of_this_version() {
     assert_eq!(manifest(&made()["manifest"]), manifest(&sample("manifest")));
 }
 
+/// A sample that is read like the one that it is made from, but must not be changed.
+const READ_ONLY: &str = "read-only.tiles";
+
+fn read_only(total: &[u8]) -> Vec<u8> {
+    resealed(total, |b| b[24] = 1 << 7)
+}
+
+#[test]
+fn a_feature_required_to_write_does_not_keep_from_reading() {
+    let (sound, file) = (sample("total.tiles"), sample(READ_ONLY));
+    assert!(file == read_only(&sound), "made otherwise");
+    read_all(READ_ONLY, &file).unwrap();
+    let ((header, chunks), sound) = (contents(&file), contents(&sound));
+    assert_eq!(chunks, sound.1);
+    assert_eq!(header.check_writable(), Err(Fault::ReadOnlyFeature(7)));
+    assert_eq!(sound.0.check_writable(), Ok(()));
+    let text = fs::read_to_string(spec().join("README.md")).unwrap();
+    assert!(text.contains(READ_ONLY), "{READ_ONLY} is not in the specification");
+}
+
 fn write_samples() {
     let folder = spec().join("samples");
     fs::create_dir_all(folder.join("damaged")).unwrap();
     for (name, bytes) in made() {
         fs::write(folder.join(name), bytes).unwrap();
     }
+    fs::write(folder.join(READ_ONLY), read_only(&made()["total.tiles"])).unwrap();
     for damage in &DAMAGED {
         let bytes = (damage.make)(&made()[damage.from]);
         fs::write(folder.join("damaged").join(damage.name), bytes).unwrap();
     }
+    write_seeds();
     let text = serde_json::to_string_pretty(&expected(made())).unwrap();
     fs::write(folder.join("expected.json"), text + "\n").unwrap();
+}
+
+/// What the samples' chunks hold, for the fuzz targets to begin with.
+fn write_seeds() {
+    let seeds = spec().with_file_name("fuzz").join("corpus-seeds");
+    for name in ["manifest", "scene", "unshot.tiles", "total.tiles", "raw.vlf"] {
+        for (place, (id, bytes)) in contents(&made()[name]).1.into_iter().enumerate() {
+            let target = match id.kind {
+                ChunkKind::Record => "manifest",
+                ChunkKind::Scene => "stored",
+                ChunkKind::Unshot | ChunkKind::Arrived | ChunkKind::Total => "tile",
+                _ => continue,
+            };
+            fs::create_dir_all(seeds.join(target)).unwrap();
+            fs::write(seeds.join(target).join(format!("{name}-{place}")), bytes).unwrap();
+        }
+    }
 }
 
 #[test]

@@ -50,7 +50,20 @@ pub struct Bake<'a> {
     committed: Instant,
     counted: Instant,
     sealed: Sealed,
+    /// PSFs that this run has rasterised in the steps that it has ended, or what takes as long.
+    work: f64,
+    /// Directions of the step under way that an earlier run did.
+    done_before: u32,
 }
+
+/// Sweeps over all directions while the bake prepares.
+const SWEEPS: usize = 2;
+
+/// What a direction takes in all of them, in PSFs of the propagation.
+const PREPARING: f64 = 1.5;
+
+/// What a direction's total map takes, in PSFs of the propagation.
+const TOTALS: f64 = 2.0;
 
 /// What ended a loop over directions.
 enum Walk {
@@ -90,8 +103,13 @@ impl<'a> Bake<'a> {
             committed: Instant::now(),
             counted: Instant::now(),
             sealed: Sealed::default(),
+            work: 0.0,
+            done_before: 0,
         };
+        let sync = options.terms.sync.then_some(options.commit_every);
+        bake.field.manifest_mut().statistics.sync = sync;
         bake.sealed = bake.reach();
+        bake.end_step(PREPARING);
         Ok(bake)
     }
 
@@ -101,12 +119,14 @@ impl<'a> Bake<'a> {
         let values = 2 * self.texels.len();
         let cut = cut_texels(self.scene, self.texels);
         let reach = self.sweep(
+            0,
             || Reach::new(values),
             |reach, id, layers| reach.sweep(&shared, &cut, id, layers),
             |all, one| all.merge(&one),
         );
         let mut sealed = reach.sealed(&shared, &cut);
         let views = self.sweep(
+            1,
             || CutViews::new(values),
             |views, id, layers| views.sweep(&shared, (&cut, &sealed), id, layers),
             |all, one| all.merge(&one),
@@ -118,19 +138,23 @@ impl<'a> Bake<'a> {
     /// Lets every thread look along directions until none is left, then merges what they found.
     fn sweep<T: Send>(
         &self,
+        number: usize,
         new: impl Fn() -> T + Sync,
         look: impl Fn(&mut T, DirectionId, &mut Layers) + Sync,
         merge: impl Fn(&mut T, T),
     ) -> T {
         let next = AtomicUsize::new(0);
+        let stop = || self.options.stop.load(Ordering::Relaxed);
         let found = self.pool.broadcast(|_| {
             let (mut own, mut layers) = (new(), Layers::default());
             loop {
                 let direction = next.fetch_add(1, Ordering::Relaxed);
-                if direction >= self.directions.len() {
+                if direction >= self.directions.len() || stop() {
                     return own;
                 }
                 look(&mut own, DirectionId(direction as u32), &mut layers);
+                let all = self.directions.len();
+                self.report(true, ((number * all + direction + 1) / SWEEPS) as u32);
             }
         });
         let mut all = new();
@@ -144,6 +168,10 @@ impl<'a> Bake<'a> {
     /// Of any step; what was committed stays.
     pub fn run(mut self, started: Instant) -> Result<Outcome, BakeError> {
         self.counted = started;
+        // What is known of sealed values may be half of it then.
+        if self.options.stop.load(Ordering::Relaxed) {
+            return Ok(Outcome::Stopped);
+        }
         while self.field.manifest().phase == Phase::Propagating {
             if let Walk::Stopped = self.cycle()? {
                 return Ok(Outcome::Stopped);
@@ -206,6 +234,7 @@ impl<'a> Bake<'a> {
             self.field.begin_folder(&folder)?;
         }
         let pages = (has_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating));
+        self.begin_step();
         while !self.all_done() {
             let shared = self.shared();
             let what = Cycle {
@@ -218,15 +247,14 @@ impl<'a> Bake<'a> {
             let wanted =
                 Wanted { pages: what.pages, gathers: true, shared: &shared, sealed: &self.sealed };
             let place = (folder.as_str(), cycle + 1);
-            let (done, walk) =
-                self.walk(Phase::Propagating, place, &wanted, |direction, worker| {
-                    let mut scratch = lock(&workers[worker]);
-                    let made = shoot(&shared, &what, DirectionId(direction), &mut scratch)?;
-                    let maps = |made: Made| {
-                        vec![(ChunkKind::Unshot, made.unshot), (ChunkKind::Arrived, made.arrived)]
-                    };
-                    Ok(made.map(maps).unwrap_or_default())
-                })?;
+            let (done, walk) = self.walk(place, &wanted, |direction, worker| {
+                let mut scratch = lock(&workers[worker]);
+                let made = shoot(&shared, &what, DirectionId(direction), &mut scratch)?;
+                let maps = |made: Made| {
+                    vec![(ChunkKind::Unshot, made.unshot), (ChunkKind::Arrived, made.arrived)]
+                };
+                Ok(made.map(maps).unwrap_or_default())
+            })?;
             gather_sums(&workers, &mut tally);
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));
             self.count_pages(pages.as_ref());
@@ -238,6 +266,7 @@ impl<'a> Bake<'a> {
             }
         }
         drop((current, pages));
+        self.end_step(f64::from(perturbations));
         let sums = workers
             .into_iter()
             .next()
@@ -267,7 +296,6 @@ impl<'a> Bake<'a> {
     /// maps that steps make are written to the folder of a generation. Returns those that were done.
     fn walk(
         &self,
-        phase: Phase,
         place: (&str, u32),
         wanted: &Wanted,
         step: impl Fn(u32, usize) -> Result<Maps, FieldError> + Sync,
@@ -304,7 +332,7 @@ impl<'a> Bake<'a> {
                             done.push(direction);
                             done.len() as u32
                         };
-                        self.report(phase, manifest.done_count() + count);
+                        self.report(false, manifest.done_count() + count);
                     }
                     Ok(())
                 });
@@ -315,26 +343,69 @@ impl<'a> Bake<'a> {
         Ok((done, if stop() { Walk::Stopped } else { Walk::Done }))
     }
 
-    fn report(&self, phase: Phase, done: u32) {
+    /// Tells how far the bake has come: `done` directions of the step under way.
+    fn report(&self, preparing: bool, done: u32) {
         let manifest = self.field.manifest();
         let unshot = unshot_fractions(&manifest.ledger);
-        let expected_cycles = self.parameters.cycles.or_else(|| {
-            let fall = match unshot[..] {
-                [.., a, b] if b > 0.0 && b < a => b / a,
-                _ => return None,
-            };
-            let more = (self.parameters.unshot_fraction / unshot.last()?).ln() / fall.ln();
-            Some(manifest.cycle + more.max(0.0).ceil() as u32)
-        });
+        let lines = f64::from(self.parameters.directions);
+        let inside = f64::from(done) / lines;
+        let grids = |cycles: std::ops::Range<u32>| {
+            lines * cycles.map(|c| f64::from(self.perturbations(c))).sum::<f64>()
+        };
+        let cycle = manifest.cycle;
+        let (own, later) = match manifest.phase {
+            Phase::Propagating => {
+                let end = self.expected_cycles(&unshot).max(cycle + 1);
+                (grids(cycle..cycle + 1), grids(cycle + 1..end) + TOTALS * lines)
+            }
+            _ => (TOTALS * lines, 0.0),
+        };
+        // Before the step begins, all of it that is not done yet is left as well.
+        let (step, left) = if preparing {
+            let done = f64::from(manifest.done_count()) / lines;
+            (PREPARING * lines, own * (1.0 - done) + later)
+        } else {
+            (own, later)
+        };
+        let before = f64::from(self.done_before) / lines;
         (self.options.progress)(&Progress {
-            phase,
-            cycle: manifest.cycle,
+            phase: manifest.phase,
+            cycle,
             done,
             directions: self.parameters.directions,
+            preparing,
             unshot: unshot.last().copied().unwrap_or(1.0),
-            expected_cycles,
-            perturbations: self.perturbations(manifest.cycle),
+            work: self.work + step * (inside - before),
+            work_left: step * (1.0 - inside) + left,
         });
+    }
+
+    /// Cycles in all, from the fall of the unshot power so far.
+    fn expected_cycles(&self, unshot: &[f64]) -> u32 {
+        if let Some(cycles) = self.parameters.cycles {
+            return cycles;
+        }
+        // Before the first cycle: as if half of the light were absorbed.
+        let (before, last) = match unshot {
+            [] => (1.0, 0.5),
+            [only] => (1.0, *only),
+            [.., before, last] => (*before, *last),
+        };
+        let fall = (last / before).clamp(1e-3, 0.999);
+        let now = unshot.last().copied().unwrap_or(1.0).max(f64::MIN_POSITIVE);
+        let more = (self.parameters.unshot_fraction / now).ln() / fall.ln();
+        (unshot.len() as u32 + more.max(0.0).ceil() as u32).min(MOST_CYCLES)
+    }
+
+    /// Begins a step, of which some directions may be done: only what this run does counts as its work.
+    fn begin_step(&mut self) {
+        self.done_before = self.field.manifest().done_count();
+    }
+
+    /// Ends a step of so many PSFs a direction.
+    fn end_step(&mut self, grids: f64) {
+        self.work += grids * f64::from(self.parameters.directions - self.done_before);
+        self.done_before = 0;
     }
 
     /// Adds the time since the last call to the field's own.
@@ -468,6 +539,7 @@ impl<'a> Bake<'a> {
         let workers: Vec<Mutex<totals::Scratch>> =
             (0..self.options.threads.max(1)).map(|_| Mutex::default()).collect();
         let pages = self.shared().has_mirrors().then(|| self.pages(Phase::WritingTotals));
+        self.begin_step();
         while !self.all_done() {
             let shared = self.shared();
             let wanted = Wanted {
@@ -477,19 +549,17 @@ impl<'a> Bake<'a> {
                 sealed: &self.sealed,
             };
             let place = (names::TOTAL, cycle);
-            let (done, walk) =
-                self.walk(Phase::WritingTotals, place, &wanted, |direction, worker| {
-                    let mut scratch = lock(&workers[worker]);
-                    let arrived = match &pages {
-                        Some(pages) => Some(pages.get(direction, ChunkKind::Arrived)?),
-                        None => None,
-                    };
-                    let maps = (total.as_slice(), lit.as_slice());
-                    let id = DirectionId(direction);
-                    let bytes =
-                        totals::total_map(&shared, id, maps, arrived.as_deref(), &mut scratch)?;
-                    Ok(vec![(ChunkKind::Total, bytes)])
-                })?;
+            let (done, walk) = self.walk(place, &wanted, |direction, worker| {
+                let mut scratch = lock(&workers[worker]);
+                let arrived = match &pages {
+                    Some(pages) => Some(pages.get(direction, ChunkKind::Arrived)?),
+                    None => None,
+                };
+                let maps = (total.as_slice(), lit.as_slice());
+                let id = DirectionId(direction);
+                let bytes = totals::total_map(&shared, id, maps, arrived.as_deref(), &mut scratch)?;
+                Ok(vec![(ChunkKind::Total, bytes)])
+            })?;
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));
             // With the directions they belong to, so that a resumed bake counts none twice and misses none.
             for worker in &workers {

@@ -126,12 +126,14 @@ pub struct Progress {
     pub done: u32,
     /// Directions in all.
     pub directions: u32,
+    /// Whether the bake is still finding out where light can come.
+    pub preparing: bool,
     /// Unshot power as a fraction of the emitted, when the last cycle ended.
     pub unshot: f64,
-    /// Expected number of cycles, from the fall of the unshot power, where it is known.
-    pub expected_cycles: Option<u32>,
-    /// PSFs that one direction of this step takes.
-    pub perturbations: u32,
+    /// PSFs rasterised in this run, or what takes as long.
+    pub work: f64,
+    /// The same that are left, as far as can be seen.
+    pub work_left: f64,
 }
 
 /// How a bake ended.

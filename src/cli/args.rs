@@ -69,6 +69,12 @@ pub struct Bake {
     /// The field: a directory that is made, or gone on with
     #[arg(short, long)]
     pub output: PathBuf,
+    /// Do without a lock, where the file system has none. Two bakes into one field damage it
+    #[arg(long)]
+    pub no_lock: bool,
+    /// Begin though the disk seems to be too small
+    #[arg(long)]
+    pub force: bool,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
@@ -116,6 +122,11 @@ pub struct Baking {
     /// Threads [default: one for each processor]
     #[arg(long)]
     pub threads: Option<usize>,
+    /// When the work done is forced to the disk, so that a power cut cannot take it: `commit`, with
+    /// every direction or two; `interval:5s`; `none`, when the system likes. A killed bake loses
+    /// at most as much in any case, 5 s with `none`
+    #[arg(long, default_value = "interval:5s")]
+    pub sync: SyncPolicy,
     /// Surfaces have a front only, as in the paper; their backs are black
     #[arg(long)]
     pub one_sided: bool,
@@ -256,6 +267,31 @@ impl FromStr for Cycles {
         match text {
             "auto" => Ok(Cycles(None)),
             n => n.parse().map(|n| Cycles(Some(n))).map_err(|_| "a number or `auto`".to_owned()),
+        }
+    }
+}
+
+/// `--sync`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SyncPolicy {
+    /// Commits as often as can be, each synced.
+    Commit,
+    /// Seconds between commits, each synced.
+    Interval(f64),
+    /// Commits that the system writes when it likes.
+    None,
+}
+
+impl FromStr for SyncPolicy {
+    type Err = String;
+    fn from_str(text: &str) -> Result<SyncPolicy, String> {
+        let seconds =
+            |t: &str| t.trim_end_matches('s').parse().ok().filter(|s| (0.0..=86_400.0).contains(s));
+        match (text, text.strip_prefix("interval:").and_then(seconds)) {
+            ("commit", _) => Ok(SyncPolicy::Commit),
+            ("none", _) => Ok(SyncPolicy::None),
+            (_, Some(seconds)) => Ok(SyncPolicy::Interval(seconds)),
+            _ => Err("commit, interval:SECONDSs or none".to_owned()),
         }
     }
 }

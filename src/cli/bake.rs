@@ -1,20 +1,42 @@
 //! `vlf bake`.
 
+use super::args::{self, SyncPolicy};
 use super::progress::{Bar, tell};
-use super::{args, info, say, usage};
+use super::{info, say, usage};
 use anyhow::Context;
+use bytesize::ByteSize;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use vlf::bake::{Options, Outcome, bake};
+use vlf::exit;
 use vlf::field::Terms;
 use vlf::format::manifest::Parameters;
 use vlf::scene::Report;
 use vlf::{Scene, bake::quality::Quality};
 
-/// Seconds between commits: what a kill can cost.
-pub const COMMIT_EVERY: f64 = 5.0;
+/// What a bake may use and how it is kept.
+#[derive(Clone, Copy)]
+pub struct How {
+    /// Bytes of memory.
+    pub memory: u64,
+    /// Threads asked for.
+    pub threads: Option<usize>,
+    /// When what is done is forced to the disk.
+    pub sync: SyncPolicy,
+    /// Whether the field is locked.
+    pub lock: bool,
+    /// Whether to begin though the disk seems too small.
+    pub force: bool,
+}
+
+impl How {
+    /// With so much memory, and otherwise as usual.
+    pub fn usual(memory: u64, threads: Option<usize>) -> How {
+        How { memory, threads, sync: SyncPolicy::Interval(5.0), lock: true, force: false }
+    }
+}
 
 /// Passes of the filter over the Next Texture Maps unless said otherwise.
 pub const FILTER: u32 = 0;
@@ -26,7 +48,14 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
     let b = &a.baking;
     let (scene, report) = Scene::open(&b.scene)?;
     tell_report(&report);
-    let code = bake_with_bar(&scene, &parameters(b), &a.output, b.memory.as_u64(), b.threads)?;
+    let how = How {
+        memory: b.memory.as_u64(),
+        threads: b.threads,
+        sync: b.sync,
+        lock: !a.no_lock,
+        force: a.force,
+    };
+    let code = bake_with_bar(&scene, &parameters(b), &a.output, how)?;
     if code != 0 {
         return Ok(code);
     }
@@ -85,14 +114,40 @@ pub fn defaults(quality: Quality) -> Parameters {
     }
 }
 
+/// The least that the control groups of this process allow it, where there are any.
+fn group_limit() -> Option<u64> {
+    let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
+    let own = groups.lines().find_map(|line| line.strip_prefix("0::/"))?;
+    let limits = Path::new(own).ancestors().filter_map(|group| {
+        let file = Path::new("/sys/fs/cgroup").join(group).join("memory.max");
+        std::fs::read_to_string(file).ok()?.trim().parse().ok()
+    });
+    limits.min()
+}
+
+/// Seconds between commits, and whether they are synced.
+pub fn commits(sync: SyncPolicy) -> (f64, bool) {
+    match sync {
+        SyncPolicy::Commit => (0.0, true),
+        SyncPolicy::Interval(seconds) => (seconds, true),
+        SyncPolicy::None => (5.0, false),
+    }
+}
+
 /// Bakes with a progress bar; stops between directions when asked by a signal. Returns the exit code.
 pub fn bake_with_bar(
     scene: &Scene,
     parameters: &Parameters,
     output: &Path,
-    memory: u64,
-    asked: Option<usize>,
+    how: How,
 ) -> anyhow::Result<u8> {
+    if let Some(limit) = group_limit().filter(|limit| how.memory > *limit) {
+        let words = |bytes| ByteSize::b(bytes).display().iec().to_string();
+        let (memory, limit) = (words(how.memory), words(limit));
+        return Err(
+            exit::Limit(format!("--memory {memory} exceeds the control group's {limit}")).into()
+        );
+    }
     let stop = Arc::new(AtomicBool::new(false));
     let signal = Arc::new(AtomicUsize::new(0));
     for (number, code) in [(SIGINT, 130), (SIGTERM, 143)] {
@@ -101,16 +156,20 @@ pub fn bake_with_bar(
         signal_hook::flag::register(number, stop.clone())?;
         signal_hook::flag::register_usize(number, signal.clone(), code as usize)?;
     }
+    // A file that may not grow is a full disk, not a reason to die.
+    #[cfg(unix)]
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     let bar = Bar::new("baking");
+    let (commit_every, sync) = commits(how.sync);
     let options = Options {
-        memory,
-        threads: threads(asked)?,
+        memory: how.memory,
+        threads: threads(how.threads)?,
         stop: &stop,
         progress: &|p| bar.bake(p),
         order: None,
-        commit_every: COMMIT_EVERY,
-        terms: Terms::default(),
-        force: false,
+        commit_every,
+        terms: Terms { sync, lock: how.lock },
+        force: how.force,
     };
     let outcome = bake(scene, parameters, output, &options);
     bar.end();

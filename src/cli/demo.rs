@@ -1,5 +1,6 @@
 //! `vlf demo`.
 
+use super::bake::How;
 use super::progress::{Bar, tell};
 use super::{args, bake, info, render};
 use anyhow::Context;
@@ -31,7 +32,7 @@ pub fn run(a: &args::Demo) -> anyhow::Result<u8> {
     let perturbations = vec![6, 2, 1];
     let defaults = bake::defaults(Quality::Preview);
     let parameters = Parameters { perturbations, unshot_fraction: 4e-3, filter: 1, ..defaults };
-    let code = bake::bake_with_bar(&scene, &parameters, &field, MEMORY, a.threads)?;
+    let code = bake::bake_with_bar(&scene, &parameters, &field, How::usual(MEMORY, a.threads))?;
     if code != 0 {
         return Ok(code);
     }

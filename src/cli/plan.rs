@@ -1,6 +1,6 @@
 //! `vlf plan`.
 
-use super::bake::{COMMIT_EVERY, parameters, tell_report, threads};
+use super::bake::{commits, parameters, tell_report, threads};
 use super::{args, say};
 use bytesize::ByteSize;
 use std::fmt::Write;
@@ -16,14 +16,15 @@ pub fn run(a: &args::Plan) -> anyhow::Result<u8> {
     let b = &a.baking;
     let (scene, report) = Scene::open(&b.scene)?;
     tell_report(&report);
+    let (commit_every, sync) = commits(b.sync);
     let options = Options {
         memory: b.memory.as_u64(),
         threads: threads(b.threads)?,
         stop: &AtomicBool::new(false),
         progress: &|_| (),
         order: None,
-        commit_every: COMMIT_EVERY,
-        terms: Terms::default(),
+        commit_every,
+        terms: Terms { sync, ..Terms::default() },
         force: false,
     };
     let plan = plan(&scene, &parameters(b), &options)?;

@@ -4,9 +4,9 @@ use super::FieldError;
 use super::storage::disk::Disk;
 use super::storage::{Input, Storage};
 use crate::format::container::{
-    self, ChunkEntry, ChunkKind, Codec, Directory, FileKind, Header, chunk_hasher,
+    self, ALIGN, ChunkEntry, ChunkKind, Codec, Directory, FileKind, Header, chunk_hasher,
 };
-use crate::format::{Fault, FormatError};
+use crate::format::{Fault, FormatError, room_for};
 use std::hash::Hasher;
 use std::path::{Path, PathBuf};
 
@@ -67,15 +67,9 @@ impl Opened {
     /// # Errors
     /// When it has.
     pub fn belongs(self, header: &Header) -> Result<Opened, FieldError> {
-        let own = &self.directory.header;
-        let what = if own.field != header.field {
-            "belongs to another field".to_owned()
-        } else if (own.generation, own.direction) != (header.generation, header.direction) {
-            format!("belongs to generation {}, direction {}", own.generation, own.direction)
-        } else {
-            return Ok(self);
-        };
-        Err(self.fault(Fault::invalid(what)))
+        let place = (header.generation, header.direction);
+        let checked = self.directory.header.check_place(&header.field, place);
+        checked.map_err(|f| self.fault(f)).map(|()| self)
     }
 
     /// The entry of a chunk.
@@ -91,10 +85,14 @@ impl Opened {
     /// # Errors
     /// When it is damaged, or the system refuses.
     pub fn chunk(&mut self, entry: &ChunkEntry) -> Result<Vec<u8>, FieldError> {
-        let mut stored = Vec::new();
-        stored.try_reserve_exact(entry.stored as usize).map_err(|_| self.too_large(entry))?;
-        stored.resize(entry.stored as usize, 0);
+        let length = entry.stored as usize + entry.padding();
+        let name = || format!("{:?} of direction {}", entry.id.kind, entry.id.direction);
+        let mut stored = room_for(length as u64, name).map_err(|f| self.fault(f))?;
+        stored.resize(length, 0);
         self.read(entry.offset, &mut stored)?;
+        let padding = entry.check_padding(&stored[entry.stored as usize..]);
+        padding.map_err(|f| self.fault(f))?;
+        stored.truncate(entry.stored as usize);
         match container::decode(&self.directory.header.field, entry, &stored) {
             Ok(std::borrow::Cow::Borrowed(_)) => {}
             Ok(std::borrow::Cow::Owned(raw)) => return Ok(raw),
@@ -133,7 +131,10 @@ impl Opened {
             let what = format!("{:?} of direction {}", entry.id.kind, entry.id.direction);
             return Err(self.fault(Fault::Checksum { what, offset: entry.offset }));
         }
-        liked.map_err(|f| self.fault(f))
+        let mut padding = [0; ALIGN];
+        let padding = &mut padding[..entry.padding()];
+        self.read(end, padding)?;
+        liked.and_then(|()| entry.check_padding(padding)).map_err(|f| self.fault(f))
     }
 
     fn read(&mut self, at: u64, into: &mut [u8]) -> Result<(), FieldError> {
@@ -142,11 +143,6 @@ impl Opened {
 
     fn fault(&self, fault: Fault) -> FieldError {
         FieldError::Format(FormatError { file: self.path.display().to_string(), fault })
-    }
-
-    fn too_large(&self, entry: &ChunkEntry) -> FieldError {
-        let limit = isize::MAX as u64;
-        self.fault(Fault::Limit { what: "chunk length", value: entry.stored, limit })
     }
 }
 

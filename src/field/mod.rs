@@ -224,6 +224,7 @@ impl Field {
         let files = manifest_files(&*storage)?;
         let (manifest, header, notice, begun) = if files.iter().any(Option::is_some) {
             let (header, manifest, fault) = Manifest::newest(&path.display().to_string(), files)?;
+            header.check_writable().map_err(|f| f.in_file(path.display()))?;
             if let Some(what) = difference(&manifest, &fresh) {
                 return Err(FieldError::Identity { path, what });
             }

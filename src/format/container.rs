@@ -10,7 +10,7 @@
 //! in the wrong place fails too. It covers the stored bytes and is checked before they are decoded.
 
 use super::bytes::{Reader, Writer};
-use super::{Fault, FormatError, READS_MAJOR, limits};
+use super::{Fault, FormatError, READS_MAJOR, limits, room_for, tiles};
 use std::borrow::Cow;
 use std::hash::Hasher;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -30,6 +30,11 @@ pub const NO_DIRECTION: u32 = u32::MAX;
 const SENTINEL: u32 = 0x0102_0304;
 const MINOR: u16 = 0;
 const HASH_AT: usize = FIRST_BLOCK - 8;
+/// Every zstd frame begins with these; skippable frames and those of old versions do not.
+const FRAME_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+
+// So there is no padding before the first chunk.
+const _: () = assert!(FIRST_BLOCK.is_multiple_of(ALIGN) && ENTRY.is_multiple_of(ALIGN));
 
 /// What a file is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,6 +126,9 @@ pub struct Header {
     pub generation: u32,
     /// Direction the file belongs to, or [`NO_DIRECTION`].
     pub direction: u32,
+    /// Features without which the file must not be changed, as it states them. This version has none,
+    /// writes 0 and leaves files alone in which a bit is set: [`Header::check_writable`].
+    pub required_to_write: u64,
 }
 
 /// A chunk's place in the order of things; its hash is bound to it.
@@ -172,6 +180,10 @@ fn chunk_seed(field: &FieldId, id: ChunkId) -> u64 {
 
 /// Hash of stored bytes at a place.
 fn chunk_hash(field: &FieldId, id: ChunkId, stored: &[u8]) -> u64 {
+    // For `benches/cost-of-safety` only, which has to know what hashing costs.
+    if cfg!(vlf_unhashed) {
+        return 0;
+    }
     XxHash3_64::oneshot_with_seed(chunk_seed(field, id), stored)
 }
 
@@ -207,15 +219,20 @@ pub fn decode<'a>(
     match entry.codec {
         Codec::Raw => Ok(Cow::Borrowed(stored)),
         Codec::Zstd => {
-            // `raw` is bounded by the limit that the directory was checked against; the frame must
-            // declare the same size, so that its own header cannot ask for more.
+            // `raw` is bounded by what the directory was checked against; the one frame must declare
+            // the same size, so that its own header cannot ask for more.
+            if !stored.starts_with(&FRAME_MAGIC) {
+                return Err(Fault::invalid(format!("{}: not a zstd frame", name())));
+            }
             let declared = zstd::zstd_safe::get_frame_content_size(stored).ok().flatten();
             let frame = zstd::zstd_safe::find_frame_compressed_size(stored).ok();
             if declared != Some(entry.raw) || frame != Some(stored.len()) {
                 return Err(Fault::invalid(format!("{}: its frame has another size", name())));
             }
-            let raw = zstd::bulk::decompress(stored, entry.raw as usize)
-                .map_err(|e| Fault::invalid(format!("{}: {e}", name())))?;
+            let bad = |e: io::Error| Fault::invalid(format!("{}: {e}", name()));
+            let mut raw: Vec<u8> = room_for(entry.raw, name)?;
+            let mut decompressor = zstd::bulk::Decompressor::new().map_err(bad)?;
+            decompressor.decompress_to_buffer(stored, &mut raw).map_err(bad)?;
             if raw.len() as u64 != entry.raw {
                 return Err(Fault::invalid(format!("{}: decodes to another length", name())));
             }
@@ -224,7 +241,68 @@ pub fn decode<'a>(
     }
 }
 
+/// Whether the specification lets files of a kind hold chunks of another.
+fn may_hold(file: FileKind, chunk: ChunkKind) -> bool {
+    use ChunkKind::*;
+    match file {
+        FileKind::Manifest => chunk == Record,
+        FileKind::Scene => chunk == Scene,
+        FileKind::Textures => matches!(chunk, TotalTexture | CurrentTexture),
+        FileKind::Sums => chunk == Sums,
+        FileKind::Tiles => matches!(chunk, Unshot | Arrived | Total),
+        FileKind::Pack => matches!(chunk, Record | Scene | TotalTexture | Total),
+    }
+}
+
+/// The most bytes that a chunk may have, decoded, in a file with this first block.
+fn most_raw(kind: ChunkKind, header: &Header) -> u64 {
+    match kind {
+        ChunkKind::Record => limits::META,
+        ChunkKind::Scene => limits::CHUNK,
+        ChunkKind::TotalTexture | ChunkKind::CurrentTexture => limits::TEXTURE,
+        ChunkKind::Sums => limits::SUMS,
+        ChunkKind::Unshot | ChunkKind::Arrived | ChunkKind::Total => {
+            tiles::most_bytes(header.resolution, header.tile, header.surfaces).min(limits::CHUNK)
+        }
+    }
+}
+
+/// The most bytes that `raw` bytes may take when they are stored.
+fn most_stored(raw: u64) -> u64 {
+    raw + raw / 256 + 64
+}
+
 impl Header {
+    /// Whether this version may change the file, or the field that it belongs to.
+    ///
+    /// # Errors
+    /// The first feature that is required to write and is not known.
+    pub fn check_writable(&self) -> Result<(), Fault> {
+        match self.required_to_write {
+            0 => Ok(()),
+            bits => Err(Fault::ReadOnlyFeature(bits.trailing_zeros())),
+        }
+    }
+
+    /// Whether the file is the one of this field, generation and direction, and no sound file that
+    /// belongs elsewhere.
+    ///
+    /// # Errors
+    /// When it is another one.
+    pub fn check_place(
+        &self,
+        field: &FieldId,
+        (generation, direction): (u32, u32),
+    ) -> Result<(), Fault> {
+        if self.field != *field {
+            return Err(Fault::invalid("belongs to another field"));
+        }
+        if (self.generation, self.direction) != (generation, direction) {
+            return Err(Fault::invalid("belongs to another generation or direction"));
+        }
+        Ok(())
+    }
+
     /// The first block's bytes.
     fn to_bytes(&self, chunks: u64, directory_hash: u64, file_len: u64) -> [u8; FIRST_BLOCK] {
         let mut w = Writer::default();
@@ -287,7 +365,9 @@ impl Header {
         if required != 0 {
             return Err(Fault::Feature(required.trailing_zeros()));
         }
-        r.take(16)?;
+        let required_to_write = r.u64()?;
+        // Optional features may be ignored.
+        r.u64()?;
         let limit = |what, value: u32, limit: u32| match value <= limit {
             true => Ok(value),
             false => Err(Fault::Limit { what, value: value.into(), limit: limit.into() }),
@@ -327,6 +407,7 @@ impl Header {
             surfaces,
             generation,
             direction,
+            required_to_write,
         };
         Ok((header, chunks, directory_hash))
     }
@@ -346,7 +427,7 @@ impl ChunkEntry {
         w.u64(0);
     }
 
-    fn parse(r: &mut Reader) -> Result<ChunkEntry, Fault> {
+    fn parse(r: &mut Reader, header: &Header) -> Result<ChunkEntry, Fault> {
         let kind = chunk_kind(r.u32()?)?;
         let (cycle, direction) = (r.u32()?, r.u32()?);
         let codec = match r.u32()? {
@@ -358,11 +439,63 @@ impl ChunkEntry {
         if r.u64()? != 0 || r.u64()? != 0 {
             return Err(Fault::invalid("reserved bytes of a directory entry are not zero"));
         }
-        if raw > limits::CHUNK || (codec == Codec::Raw && raw != stored) {
-            return Err(Fault::Limit { what: "chunk length", value: raw, limit: limits::CHUNK });
+        if !may_hold(header.kind, kind) {
+            return Err(Fault::invalid(format!(
+                "a chunk of kind {kind:?} in a {:?} file",
+                header.kind
+            )));
+        }
+        let limit = most_raw(kind, header);
+        if raw > limit {
+            return Err(Fault::Limit { what: "chunk length", value: raw, limit });
+        }
+        if (codec == Codec::Raw && raw != stored) || stored > most_stored(raw) {
+            return Err(Fault::invalid(format!("{stored} bytes are stored for a chunk of {raw}")));
         }
         let id = ChunkId { kind, cycle, direction };
         Ok(ChunkEntry { id, codec, offset, stored, raw, hash })
+    }
+
+    /// Bytes of the padding behind it.
+    pub fn padding(&self) -> usize {
+        let rest = (self.offset % ALIGN as u64 + self.stored % ALIGN as u64) as usize;
+        rest.next_multiple_of(ALIGN) - rest
+    }
+
+    /// Checks the padding behind it.
+    ///
+    /// # Errors
+    /// When it is not zero.
+    pub fn check_padding(&self, padding: &[u8]) -> Result<(), Fault> {
+        if padding.iter().all(|b| *b == 0) {
+            return Ok(());
+        }
+        let ChunkId { kind, direction, .. } = self.id;
+        let name = format!("{kind:?} of direction {direction}");
+        Err(Fault::invalid(format!("{name}: the padding behind it is not zero")))
+    }
+
+    /// Checks that the chunk is in its file and behind the one before it.
+    fn check_place(&self, header: &Header, before: Option<&ChunkEntry>) -> Result<(), Fault> {
+        let ChunkId { kind, cycle, direction } = self.id;
+        let wrong =
+            |what| Err(Fault::invalid(format!("{kind:?} of direction {direction}: {what}")));
+        let is_map = matches!(kind, ChunkKind::Unshot | ChunkKind::Arrived | ChunkKind::Total);
+        if is_map != (direction != NO_DIRECTION) || (is_map && direction >= header.directions) {
+            return wrong("it has no such direction");
+        }
+        let same_place = match header.kind {
+            FileKind::Pack => before.is_none_or(|b| b.id.cycle == cycle),
+            _ => (cycle, direction) == (header.generation, header.direction),
+        };
+        if !same_place {
+            return wrong("its cycle or direction is not its file's");
+        }
+        // Not twice either.
+        if before.is_some_and(|b| (b.id.kind, b.id.direction) >= (kind, direction)) {
+            return wrong("the chunks are not in order");
+        }
+        Ok(())
     }
 }
 
@@ -372,13 +505,25 @@ impl Directory {
     /// # Errors
     /// A first block that is not sound, or a file too short for its directory.
     pub fn length(block: &[u8], file_len: u64) -> Result<usize, Fault> {
-        let (_, chunks, _) = Header::parse(block, file_len)?;
+        let (header, chunks, _) = Header::parse(block, file_len)?;
+        let limit = match header.kind {
+            FileKind::Pack => 3 + u64::from(header.directions),
+            _ => 2,
+        };
+        if chunks > limit {
+            return Err(Fault::Limit { what: "chunk count", value: chunks, limit });
+        }
+        if header.kind == FileKind::Pack && chunks < limit {
+            return Err(Fault::Missing(format!(
+                "one chunk or more of {limit}, the pack's number,"
+            )));
+        }
         chunks
             .checked_mul(ENTRY as u64)
             .and_then(|d| d.checked_add(FIRST_BLOCK as u64))
             .filter(|end| *end <= file_len)
             .map(|end| end as usize)
-            .ok_or(Fault::Limit { what: "chunk count", value: chunks, limit: file_len })
+            .ok_or_else(|| Fault::invalid(format!("no room for a directory of {chunks} chunks")))
     }
 
     /// Checks first block and directory (`head` begins the file and holds both) against the length
@@ -398,10 +543,11 @@ impl Directory {
             return Err(Fault::Checksum { what: "directory".into(), offset });
         }
         let mut r = Reader::new(table);
-        let mut entries = Vec::with_capacity(chunks as usize);
+        let mut entries: Vec<ChunkEntry> = room_for(chunks, || "directory".into())?;
         let mut at = end as u64;
         for i in 0..chunks {
-            let entry = ChunkEntry::parse(&mut r)?;
+            let entry = ChunkEntry::parse(&mut r, &header)?;
+            entry.check_place(&header, entries.last())?;
             if entry.offset != at.next_multiple_of(ALIGN as u64) {
                 return Err(Fault::invalid(format!("chunk {i} is not where the one before ends")));
             }
@@ -440,16 +586,19 @@ impl Directory {
             .ok_or_else(|| Fault::Missing(format!("{kind:?} of direction {direction}")))
     }
 
-    /// Verifies and decodes a chunk of a file that is in memory or mapped as a whole.
+    /// Verifies and decodes a chunk of a file that is in memory or mapped, as a whole or up to the
+    /// multiple of [`ALIGN`] at which the next chunk begins.
     ///
     /// # Errors
-    /// As [`decode`].
+    /// As [`decode`], or when the padding behind the chunk is not zero.
     pub fn chunk<'a>(&self, file: &'a [u8], entry: &ChunkEntry) -> Result<Cow<'a, [u8]>, Fault> {
-        let stored = usize::try_from(entry.offset)
-            .ok()
-            .zip(usize::try_from(entry.stored).ok())
-            .and_then(|(at, len)| file.get(at..at.checked_add(len)?))
-            .ok_or(Fault::Truncated { expected: entry.offset, actual: file.len() as u64 })?;
+        let end = entry.offset.saturating_add(entry.stored);
+        let next = end.checked_next_multiple_of(ALIGN as u64).unwrap_or(u64::MAX);
+        let between = |from: u64, to: u64| file.get(from.try_into().ok()?..to.try_into().ok()?);
+        let (stored, padding) = between(entry.offset, end)
+            .zip(between(end, next))
+            .ok_or(Fault::Truncated { expected: next, actual: file.len() as u64 })?;
+        entry.check_padding(padding)?;
         decode(&self.header.field, entry, stored)
     }
 }

@@ -302,5 +302,6 @@ pub fn header(
         surfaces,
         generation,
         direction,
+        required_to_write: 0,
     }
 }

@@ -53,6 +53,11 @@ pub enum Fault {
     /// A feature that must be understood and is not.
     #[error("needs feature bit {0}, which this version does not have")]
     Feature(u32),
+    /// A feature that must be understood to write and is not.
+    #[error(
+        "needs feature bit {0} to be changed, which this version does not have; it can be read"
+    )]
+    ReadOnlyFeature(u32),
     /// Shorter than its header says.
     #[error("truncated: its header says {expected} bytes, the file has {actual}")]
     Truncated {
@@ -82,6 +87,14 @@ pub enum Fault {
         /// What is allowed.
         limit: u64,
     },
+    /// More memory than the system gives.
+    #[error("{what}: no memory for its {bytes} bytes")]
+    Memory {
+        /// Which part.
+        what: String,
+        /// What was asked for.
+        bytes: u64,
+    },
     /// A chunk that must be there and is not.
     #[error("{0} is missing")]
     Missing(String),
@@ -106,7 +119,24 @@ impl Fault {
 
     /// Whether the file may be good but is beyond this version.
     pub fn is_unsupported(&self) -> bool {
-        matches!(self, Fault::Version { .. } | Fault::Feature(_) | Fault::ByteOrder)
+        use Fault::{ByteOrder, Feature, ReadOnlyFeature, Version};
+        matches!(self, Version { .. } | Feature(_) | ReadOnlyFeature(_) | ByteOrder)
+    }
+}
+
+/// Room for `count` items that a file asks for, or an error where infallible allocation would end the
+/// process; `what` is for the message.
+///
+/// # Errors
+/// When the system does not give that much.
+pub fn room_for<T>(count: u64, what: impl FnOnce() -> String) -> Result<Vec<T>, Fault> {
+    let mut room = Vec::new();
+    match usize::try_from(count).map(|count| room.try_reserve_exact(count)) {
+        Ok(Ok(())) => Ok(room),
+        _ => {
+            let bytes = count.saturating_mul(size_of::<T>() as u64);
+            Err(Fault::Memory { what: what(), bytes })
+        }
     }
 }
 
@@ -121,9 +151,28 @@ pub mod limits {
     /// Surfaces of a scene.
     pub const SURFACES: u32 = 1 << 24;
     /// Texels of a scene.
-    pub const TEXELS: u64 = 1 << 29;
-    /// Bytes of one chunk, decoded.
+    pub const TEXELS: u64 = 1 << 27;
+    /// Bytes of a scene or of a tile map, decoded: 2^24 surfaces of a triangle each take 1.7 GB, four
+    /// full layers at the largest resolution 3.2 GB.
     pub const CHUNK: u64 = 1 << 32;
+    /// Bytes of a texture map: two values of three f32 a texel.
+    pub const TEXTURE: u64 = 24 * TEXELS;
+    /// Bytes of the sums of a cycle: ten of sixteen bytes, and two times four of eight a texel.
+    pub const SUMS: u64 = 10 * 16 + 64 * TEXELS;
     /// Bytes of the manifest's record.
     pub const META: u64 = 64 << 20;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_that_there_is_not_is_an_error() {
+        for count in [1 << 50, u64::MAX] {
+            let fault = room_for::<u64>(count, || "a table".into()).unwrap_err();
+            assert!(matches!(&fault, Fault::Memory { what, .. } if what == "a table"), "{fault}");
+        }
+        assert!(room_for::<u64>(3, || unreachable!()).unwrap().capacity() >= 3);
+    }
 }

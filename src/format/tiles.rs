@@ -28,6 +28,9 @@ use half::slice::HalfFloatSliceExt;
 /// 2^112: what the exponents of f16 and f32 differ by.
 const REBIAS: f32 = f32::from_bits((127 + 112) << 23);
 
+/// Where the table of tiles begins.
+const FIRST_AT: usize = 16;
+
 const DARK: u8 = 0;
 const CONSTANT: u8 = 1;
 const DATA: u8 = 2;
@@ -40,7 +43,6 @@ pub struct Layout {
     words: usize,
     entries: usize,
     values: usize,
-    first_at: usize,
     surface_at: usize,
     value_at: usize,
     state_at: usize,
@@ -84,34 +86,80 @@ fn words(m: u32) -> usize {
     (m as usize * m as usize).div_ceil(64)
 }
 
+/// The most bytes that a tile map of a sound first block can have: every surface covers every cell.
+pub(super) fn most_bytes(resolution: u32, tile: u32, surfaces: u32) -> u64 {
+    let [n, m, surfaces] = [resolution / tile, tile, surfaces].map(u64::from);
+    let entries = (n * n).saturating_mul(surfaces);
+    let values = (2 * m * m).saturating_mul(entries);
+    Parts::new(n, m, entries, values).map_or(u64::MAX, |parts| parts.end)
+}
+
+/// Where the parts of a tile map begin, and where the last one ends.
+struct Parts {
+    surface_at: u64,
+    value_at: u64,
+    state_at: u64,
+    mask_at: u64,
+    rgb_at: u64,
+    end: u64,
+}
+
+impl Parts {
+    /// Of n x n tiles of m x m cells; `None` beyond 2^64 bytes.
+    fn new(n: u64, m: u64, entries: u64, values: u64) -> Option<Parts> {
+        let behind = |at: u64, size: u64, count: u64| {
+            size.checked_mul(count)?.checked_add(at)?.checked_next_multiple_of(8)
+        };
+        let words = (m * m).div_ceil(64);
+        let surface_at = behind(FIRST_AT as u64, 4, n * n + 1)?;
+        let value_at = behind(surface_at, 4, entries)?;
+        let state_at = behind(value_at, 8, entries)?;
+        let mask_at = behind(state_at, 2, entries)?;
+        let rgb_at = behind(mask_at, 8 * words, entries)?;
+        let end = behind(rgb_at, 6, values)?;
+        Some(Parts { surface_at, value_at, state_at, mask_at, rgb_at, end })
+    }
+}
+
 impl Layout {
-    fn new(n: u32, m: u32, entries: usize, values: usize, exponent: i32) -> Layout {
-        let pad = |at: usize| at.next_multiple_of(8);
-        let words = words(m);
-        let first_at = 16;
-        let surface_at = pad(first_at + 4 * (n as usize * n as usize + 1));
-        let value_at = pad(surface_at + 4 * entries);
-        let state_at = pad(value_at + 8 * entries);
-        let mask_at = pad(state_at + 2 * entries);
-        let rgb_at = mask_at + 8 * words * entries;
-        Layout {
+    /// `None` when the parts do not take `length` bytes.
+    fn new(
+        (n, m): (u32, u32),
+        (entries, values): (u32, u32),
+        length: usize,
+        exponent: i32,
+    ) -> Option<Layout> {
+        let parts = Parts::new(n.into(), m.into(), entries.into(), values.into())?;
+        if parts.end != length as u64 {
+            return None;
+        }
+        // All of them are at most the length now, so the casts keep their values.
+        Some(Layout {
             n,
             m,
-            words,
-            entries,
-            values,
-            first_at,
-            surface_at,
-            value_at,
-            state_at,
-            mask_at,
-            rgb_at,
+            words: words(m),
+            entries: entries as usize,
+            values: values as usize,
+            surface_at: parts.surface_at as usize,
+            value_at: parts.value_at as usize,
+            state_at: parts.state_at as usize,
+            mask_at: parts.mask_at as usize,
+            rgb_at: parts.rgb_at as usize,
             scale: f64::from(exponent).exp2() as f32,
-        }
+        })
     }
 
-    fn end(&self) -> usize {
-        (self.rgb_at + 6 * self.values).next_multiple_of(8)
+    /// Whether the bytes between the parts and behind the last are zero.
+    fn pads_with_zeros(&self, bytes: &[u8]) -> bool {
+        let tiles = self.n as usize * self.n as usize;
+        let gaps = [
+            FIRST_AT + 4 * (tiles + 1)..self.surface_at,
+            self.surface_at + 4 * self.entries..self.value_at,
+            self.value_at + 8 * self.entries..self.state_at,
+            self.state_at + 2 * self.entries..self.mask_at,
+            self.rgb_at + 6 * self.values..bytes.len(),
+        ];
+        gaps.into_iter().flat_map(|gap| &bytes[gap]).all(|b| *b == 0)
     }
 
     /// Checks the bytes of a tile map: that the tables fit the field's `resolution` and `tile`, are
@@ -129,20 +177,19 @@ impl Layout {
         let bad = |what: &str| Err(Fault::invalid(format!("tile map: {what}")));
         let mut r = Reader::new(bytes);
         let (n, m, entries, values) = (r.u32()?, r.u32()?, r.u32()?, r.u32()?);
-        if m != tile || n != resolution / tile || m > limits::TILE {
+        let of_field = (1..=limits::TILE).contains(&tile) && resolution <= limits::RESOLUTION;
+        if !of_field || (n, m) != (resolution / tile, tile) {
             return bad("its tiles are not the field's");
         }
-        // Each entry takes more than 8 bytes and each value 6: no larger table can be meant.
-        if u64::from(entries) * 8 + u64::from(values) * 6 > bytes.len() as u64 {
-            return bad("its tables are longer than it is");
-        }
-        let layout = Layout::new(n, m, entries as usize, values as usize, exponent);
-        if layout.end() != bytes.len() {
+        let Some(layout) = Layout::new((n, m), (entries, values), bytes.len(), exponent) else {
             return bad("its length is not the one its tables add up to");
-        }
+        };
         let map = TileMap { bytes, layout: &layout };
         let tiles = (n * n) as usize;
-        let first = &bytes[layout.first_at..];
+        if !layout.pads_with_zeros(bytes) {
+            return bad("its padding is not zero");
+        }
+        let first = &bytes[FIRST_AT..];
         if u32_at(first, 0) != 0 || u32_at(first, tiles) != entries {
             return bad("its tile table does not span its entries");
         }
@@ -248,9 +295,9 @@ impl<'a> TileMap<'a> {
 
     /// A surface in the tile that holds a cell; binary search over the tile's surfaces (section 6).
     pub fn entry(&self, cell: Cell, surface: SurfaceId) -> Option<TileEntry<'a>> {
-        let Layout { n, m, first_at, .. } = *self.layout;
+        let Layout { n, m, .. } = *self.layout;
         let tile = (cell.j / m * n + cell.i / m) as usize;
-        let first = &self.bytes[first_at..];
+        let first = &self.bytes[FIRST_AT..];
         let (mut low, mut high) = (u32_at(first, tile) as usize, u32_at(first, tile + 1) as usize);
         while low < high {
             let middle = (low + high) / 2;
@@ -265,8 +312,8 @@ impl<'a> TileMap<'a> {
 
     /// Calls `visit` with every covered cell's surface, place and the radiance of both senses.
     pub fn for_each(&self, mut visit: impl FnMut(SurfaceId, Cell, [Rgb; 2])) {
-        let Layout { n, m, first_at, .. } = *self.layout;
-        let first = &self.bytes[first_at..];
+        let Layout { n, m, .. } = *self.layout;
+        let first = &self.bytes[FIRST_AT..];
         for tile in 0..n * n {
             let (from, to) = (u32_at(first, tile as usize), u32_at(first, tile as usize + 1));
             for entry in from as usize..to as usize {
@@ -425,9 +472,9 @@ impl TileMapWriter {
     /// When not every tile was given.
     pub fn finish(self) -> Vec<u8> {
         assert_eq!(self.first.len(), (self.n * self.n) as usize + 1, "tiles are missing");
-        let (entries, values) = (self.surface.len(), self.rgb.len() / 3);
-        let layout = Layout::new(self.n, self.m, entries, values, self.exponent);
-        let mut w = Writer(Vec::with_capacity(layout.end()));
+        let [entries, values] = [self.surface.len(), self.rgb.len() / 3].map(|v| v as u64);
+        let parts = Parts::new(self.n.into(), self.m.into(), entries, values);
+        let mut w = Writer(Vec::with_capacity(parts.map_or(0, |p| p.end as usize)));
         w.u32(self.n);
         w.u32(self.m);
         w.u32(self.surface.len() as u32);

@@ -5,7 +5,7 @@
 //! Each direction's map is verified when it is first touched.
 
 use crate::directions::Directions;
-use crate::format::container::{self, ChunkKind, Directory, FileKind, NO_DIRECTION, decode};
+use crate::format::container::{self, ChunkKind, Directory, FileKind, Header, NO_DIRECTION};
 use crate::format::manifest::{Manifest, Phase, record_from_bytes};
 use crate::format::tiles::{Layout, TileMap};
 use crate::format::{Fault, FormatError, limits, names};
@@ -78,7 +78,7 @@ pub struct LightField {
 
 enum Source {
     Pack { name: String, file: Mapping, directory: Directory },
-    Field(PathBuf),
+    Field { path: PathBuf, header: Header },
 }
 
 /// A direction's map: where it lies in the mapped file, or its bytes.
@@ -103,16 +103,15 @@ fn read(path: &Path) -> Result<Vec<u8>, LookError> {
     Ok(bytes)
 }
 
-fn chunk_of(
-    path: &Path,
-    kind: FileKind,
-    chunk: ChunkKind,
-    direction: u32,
-) -> Result<Vec<u8>, LookError> {
+/// A chunk of a field's file, which must be of the field, generation and direction of `place`.
+fn chunk_of(path: &Path, place: &Header, chunk: ChunkKind) -> Result<Vec<u8>, LookError> {
     let bytes = read(path)?;
     let name = path.display().to_string();
-    let directory = container::open(&name, &bytes, kind)?;
-    let decoded = || directory.chunk(&bytes, directory.find(chunk, direction)?);
+    let directory = container::open(&name, &bytes, place.kind)?;
+    let decoded = || {
+        directory.header.check_place(&place.field, (place.generation, place.direction))?;
+        directory.chunk(&bytes, directory.find(chunk, place.direction)?)
+    };
     Ok(decoded().map_err(|f| f.in_file(name))?.into_owned())
 }
 
@@ -139,11 +138,17 @@ impl LightField {
         let parts = || -> Result<_, Fault> {
             let manifest: Manifest = record_from_bytes(&chunk(ChunkKind::Record)?)?;
             manifest.check(&directory.header)?;
+            if manifest.phase != Phase::Finished {
+                return Err(Fault::invalid("a pack of a bake that is not finished"));
+            }
+            if directory.entries.iter().any(|e| e.id.cycle != manifest.cycle) {
+                return Err(Fault::invalid("its chunks are not of the record's cycle"));
+            }
             let scene = stored::from_bytes(&chunk(ChunkKind::Scene)?)?;
-            let bytes = chunk(ChunkKind::TotalTexture)?;
-            let texels = texels_of(&scene, &manifest, bytes.len())?;
-            let total = texels::from_bytes(&bytes, 2 * texels.len())?;
             check_scene(&scene, directory.header.surfaces)?;
+            let texture = directory.find(ChunkKind::TotalTexture, NO_DIRECTION)?;
+            let (texels, total) =
+                textures_of(&scene, &manifest, texture.raw, || directory.chunk(&file, texture))?;
             Ok((manifest, scene, texels, total))
         };
         let (manifest, scene, texels, total) = parts().map_err(|f| f.in_file(&name))?;
@@ -169,20 +174,22 @@ impl LightField {
                 directions: manifest.parameters.directions,
             });
         }
+        let place = |kind, generation| Header { kind, generation, ..header.clone() };
         let scene_path = path.join(names::SCENE);
-        let bytes = chunk_of(&scene_path, FileKind::Scene, ChunkKind::Scene, NO_DIRECTION)?;
+        let bytes = chunk_of(&scene_path, &place(FileKind::Scene, 0), ChunkKind::Scene)?;
         let in_scene = |f: Fault| f.in_file(scene_path.display());
         let scene = stored::from_bytes(&bytes).map_err(in_scene)?;
         check_scene(&scene, header.surfaces).map_err(in_scene)?;
         let texture_path = path.join(names::textures(manifest.cycle));
-        let kind = ChunkKind::TotalTexture;
-        let bytes = chunk_of(&texture_path, FileKind::Textures, kind, NO_DIRECTION)?;
-        let in_textures = |f: Fault| f.in_file(texture_path.display());
-        let texels = texels_of(&scene, &manifest, bytes.len()).map_err(in_textures)?;
-        let total = texels::from_bytes(&bytes, 2 * texels.len()).map_err(in_textures)?;
-        let source = Source::Field(path.to_owned());
+        let textures = place(FileKind::Textures, manifest.cycle);
+        let bytes = chunk_of(&texture_path, &textures, ChunkKind::TotalTexture)?;
+        let (texels, total) =
+            textures_of(&scene, &manifest, bytes.len() as u64, || Ok(Cow::Owned(bytes)))
+                .map_err(|f| f.in_file(texture_path.display()))?;
+        let exponent = header.exponent;
+        let source = Source::Field { path: path.to_owned(), header };
         let parts = (scene, texels, total);
-        Self::assemble(&path.display().to_string(), parts, manifest, header.exponent, source)
+        Self::assemble(&path.display().to_string(), parts, manifest, exponent, source)
     }
 
     fn assemble(
@@ -209,7 +216,7 @@ impl LightField {
         let bytes = match (&stored.bytes, &self.source) {
             (Stored::Decoded(bytes), _) => bytes,
             (Stored::Mapped(range), Source::Pack { file, .. }) => &file[range.clone()],
-            (Stored::Mapped(_), Source::Field(_)) => &[][..],
+            (Stored::Mapped(_), Source::Field { .. }) => &[][..],
         };
         Ok(TileMap::new(bytes, &stored.layout))
     }
@@ -223,11 +230,10 @@ impl LightField {
             Source::Pack { name, file, directory } => {
                 let load = || {
                     let entry = find_map(directory, direction)?;
-                    // The directory was checked against the file's length.
-                    let range = entry.offset as usize..(entry.offset + entry.stored) as usize;
-                    match decode(&directory.header.field, entry, &file[range.clone()])? {
+                    match directory.chunk(file, entry)? {
                         Cow::Borrowed(bytes) => {
                             let layout = check(bytes)?;
+                            let range = entry.offset as usize..entry.offset as usize + bytes.len();
                             Ok(StoredMap { layout, bytes: Stored::Mapped(range) })
                         }
                         Cow::Owned(bytes) => {
@@ -238,16 +244,16 @@ impl LightField {
                 };
                 load().map_err(|f: Fault| f.in_file(format!("{name}: direction {direction}")))
             }
-            Source::Field(path) => {
+            Source::Field { path, header } => {
                 let path = names::tiles(path, names::TOTAL, direction);
                 let name = path.display().to_string();
-                let bytes =
-                    chunk_of(&path, FileKind::Tiles, ChunkKind::Total, direction).map_err(|e| {
-                        match e {
-                            LookError::Format(e) => e,
-                            other => Fault::Missing(other.to_string()).in_file(&name),
-                        }
-                    })?;
+                let generation = self.manifest.cycle;
+                let place =
+                    Header { kind: FileKind::Tiles, generation, direction, ..header.clone() };
+                let bytes = chunk_of(&path, &place, ChunkKind::Total).map_err(|e| match e {
+                    LookError::Format(e) => e,
+                    other => Fault::Missing(other.to_string()).in_file(&name),
+                })?;
                 let layout = check(&bytes).map_err(|f| f.in_file(&name))?;
                 Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) })
             }
@@ -346,19 +352,25 @@ fn find_map(directory: &Directory, direction: u32) -> Result<&container::ChunkEn
         .ok_or_else(|| Fault::Missing(format!("the map of direction {direction}")))
 }
 
-/// The texels of a scene, if their values take `bytes` bytes. Counted before they are laid: a file may
-/// ask for any number.
-fn texels_of(scene: &Scene, manifest: &Manifest, bytes: usize) -> Result<Texels, Fault> {
+/// The texels of a scene, and the values of its texture map, which must take `raw` bytes; that is
+/// compared before `bytes` has to make room for them, since a file may ask for any number of texels.
+fn textures_of<'a>(
+    scene: &Scene,
+    manifest: &Manifest,
+    raw: u64,
+    bytes: impl FnOnce() -> Result<Cow<'a, [u8]>, Fault>,
+) -> Result<(Texels, Vec<Rgb>), Fault> {
     let p = &manifest.parameters;
     let edge = 2.0 / p.resolution as f32 * p.texel_cells as f32;
     let count = Texels::count(scene, edge);
     if count > limits::TEXELS {
         return Err(Fault::Limit { what: "texel count", value: count, limit: limits::TEXELS });
     }
-    if 24 * count != bytes as u64 {
-        return Err(Fault::invalid(format!("texture map: {bytes} bytes for {count} texels")));
+    if 24 * count != raw {
+        return Err(Fault::invalid(format!("texture map: {raw} bytes for {count} texels")));
     }
-    Ok(Texels::new(scene, edge))
+    let total = texels::from_bytes(&bytes()?, 2 * count as usize)?;
+    Ok((Texels::try_new(scene, edge)?, total))
 }
 
 fn check_scene(scene: &Scene, surfaces: u32) -> Result<(), Fault> {

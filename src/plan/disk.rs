@@ -118,8 +118,9 @@ impl Files {
         let (mut peak, mut written) = (0, self.scene);
         for (step, seconds) in seconds.iter().enumerate() {
             let propagating = step < cycles;
-            // Those within the step, then its end.
-            let within = (seconds / commit_every).min(1e6) as u64;
+            // Those within the step, then its end. At most one for every other direction.
+            let commit_every = commit_every.max(2.0 * seconds / self.directions as f64);
+            let within = if *seconds > 0.0 { (seconds / commit_every) as u64 } else { 0 };
             for k in 1..=within + 1 {
                 let is_end = k == within + 1;
                 let part = if is_end { 1.0 } else { k as f64 * commit_every / seconds };

@@ -2,7 +2,6 @@
 
 use super::Time;
 use super::sample::Sample;
-use crate::bake::cuts::cut_texels;
 use crate::bake::memory::{Extent, Need};
 use crate::bake::step::Shared;
 use crate::bake::{BakeError, Options, Progress, bake_in};
@@ -15,7 +14,6 @@ use crate::format::manifest::{Manifest, Parameters, Phase};
 use crate::format::names;
 use crate::format::tiles::{Layout, TileMap};
 use crate::radiance::Rgb;
-use crate::scene::areas::areas;
 use crate::scene::texels;
 use std::collections::BTreeMap;
 use std::io;
@@ -24,6 +22,10 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
+
+/// Seconds of a processor that a file of maps takes to be made, written, synced, read and removed, more
+/// than in memory. Measured on ext4; the disk itself is taken to keep up, as it did there.
+const A_FILE: f64 = 5e-4;
 
 /// What a rehearsal showed.
 pub struct Rehearsal {
@@ -39,8 +41,6 @@ pub struct Rehearsal {
     pub generations: Vec<Generation>,
     /// By what compression divides the bytes of total texture maps, and of total radiance maps.
     pub ratios: [f64; 2],
-    /// Cut texels.
-    pub cut: Vec<bool>,
     threads: u32,
     marks: Marks,
 }
@@ -97,12 +97,12 @@ fn processor_seconds() -> Option<f64> {
 #[derive(Default)]
 struct Marks {
     begun: Moment,
+    /// When a direction was looked along, in either sweep.
+    sweeps: Vec<Moment>,
     /// Of each step, when directions were done.
     reports: BTreeMap<(bool, u32), Vec<Moment>>,
     commits: Vec<Moment>,
     ended: Moment,
-    /// What [`cut_texels`] and [`areas`] take: the part of the beginning that more lines leave as it is.
-    cuts: Moment,
 }
 
 /// A folder in memory that notes when commits were made and how large the mirrors' maps were.
@@ -233,8 +233,12 @@ impl Rehearsal {
         let stop = AtomicBool::new(false);
         let report = |p: &Progress| {
             let now = Moment::now(since);
+            let mut marks = lock(&marks);
             let step = (p.phase != Phase::Propagating, p.cycle);
-            lock(&marks).reports.entry(step).or_default().push(now);
+            match p.preparing {
+                true => marks.sweeps.push(now),
+                false => marks.reports.entry(step).or_default().push(now),
+            }
         };
         let rehearsing = Options {
             memory,
@@ -249,24 +253,19 @@ impl Rehearsal {
         bake_in(storage.clone(), shared.scene, &parameters, &rehearsing)?;
         let mut marks = marks.into_inner().unwrap_or_else(PoisonError::into_inner);
         marks.ended = Moment::now(since);
-        // As the bake finds them, for the time it takes.
-        let cut = cut_texels(shared.scene, shared.texels);
-        std::hint::black_box(areas(shared.scene, shared.texels));
-        marks.cuts = Moment::now(since) - marks.ended;
         let generations = {
             let mut seen = lock(&storage.seen);
             marks.commits = std::mem::take(&mut seen.0);
             std::mem::take(&mut seen.1)
         };
-        let seen = (generations, marks, cut);
-        Rehearsal::read(&storage.inner, shared, seen, threads as u32)
+        Rehearsal::read(&storage.inner, shared, (generations, marks), threads as u32)
     }
 
     /// Looks at what was baked.
     fn read(
         storage: &dyn Storage,
         shared: &Shared,
-        (generations, marks, cut): (Vec<Generation>, Marks, Vec<bool>),
+        (generations, marks): (Vec<Generation>, Marks),
         threads: u32,
     ) -> Result<Rehearsal, BakeError> {
         let (_, manifest) = read_manifest(storage)?;
@@ -298,7 +297,6 @@ impl Rehearsal {
             scene: (stored, [scene.len() as u64, zstd(&scene)?]),
             generations,
             ratios: [ratio(textures.len() as u64, zstd(&textures)?), ratio(raw, packed)],
-            cut,
             threads,
             marks,
             manifest,
@@ -318,36 +316,56 @@ impl Rehearsal {
 
     /// What the steps of the whole bake will take.
     pub fn steps(&self, shared: &Shared, sample: &Sample) -> Steps {
-        let Marks { begun, reports, commits, ended, cuts } = &self.marks;
-        let (lines, threads) = (f64::from(self.lines), f64::from(self.threads));
+        let Marks { begun, sweeps, reports, commits, ended } = &self.marks;
+        let lines = f64::from(self.lines);
         let all = f64::from(shared.parameters.directions);
         let counts = &shared.parameters.perturbations;
         let mut steps = Steps { processor: processor_seconds().is_some(), ..Steps::default() };
-        let mut before = commits.first().copied().unwrap_or_default();
+        let mut before = *begun;
         for (k, ((totals, cycle), reports)) in reports.iter().enumerate() {
             let (Some(first), Some(last)) = (reports.first(), reports.last()) else { continue };
-            // The first directions of all threads come at once.
-            let direction = (*last - *first).map(|s| s / (lines - threads).max(1.0));
-            let preparing = (*first - before - direction.map(|s| s * threads)).at_least_none();
-            let end = if *totals { *ended } else { commits.get(k + 1).copied().unwrap_or(*last) };
             // The axes take too large a part of few lines; perturbed ones are away from them.
             let perturbations = counts[(*cycle as usize).min(counts.len() - 1)];
             let turned = if *totals { 0.0 } else { f64::from(perturbations - 1) };
             let fragments = (turned + sample.fragments) / (turned + 1.0);
-            let directions = direction.map(|s| s * all * fragments);
+            let direction = self.direction(reports);
+            let begun = direction.map(|s| s * f64::from(self.threads));
+            let preparing = (*first - before - begun).at_least_none();
+            // The first commit is that of the empty field.
+            let end = if *totals { *ended } else { commits.get(k + 1).copied().unwrap_or(*last) };
             let rest = (end - *last).at_least_none();
+            let step =
+                direction.map(|s| s * all * fragments).and(self.files(k, *totals, all)).and(rest);
             if k == 0 {
-                // Two sweeps over the lines.
-                let sweeps = (preparing - *cuts).at_least_none();
-                let fixed = before - *begun;
-                steps.beginning = fixed.and(*cuts).and(sweeps.map(|s| s * all / lines));
-                steps.steps.push(directions.and(rest));
+                let sweeps = sweeps.chunks(self.lines as usize).map(|s| self.direction(s));
+                let sweeps = sweeps.fold(Moment::default(), Moment::and);
+                let fixed = (preparing - sweeps.map(|s| s * lines)).at_least_none();
+                steps.beginning = fixed.and(sweeps.map(|s| s * all * sample.fragments));
+                steps.steps.push(step);
             } else {
-                steps.steps.push(preparing.and(directions).and(rest));
+                steps.steps.push(preparing.and(step));
             }
             before = end;
         }
         steps
+    }
+
+    /// What a direction takes, from when each was done.
+    fn direction(&self, done: &[Moment]) -> Moment {
+        let (Some(first), Some(last)) = (done.first(), done.last()) else {
+            return Moment::default();
+        };
+        // The first directions of all threads come at once.
+        let between = done.len().saturating_sub(self.threads as usize).max(1);
+        (*last - *first).map(|s| s / between as f64)
+    }
+
+    /// What a step's files take on a disk more than in memory.
+    fn files(&self, step: usize, totals: bool, directions: f64) -> Moment {
+        let has_files = totals || self.generations.get(step).is_some();
+        let processor = if has_files { directions * A_FILE } else { 0.0 };
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        Moment([processor / cores as f64, processor])
     }
 }
 

@@ -3,6 +3,7 @@
 
 use super::rehearsal::{Generation, Rehearsal};
 use crate::bake::BakeError;
+use crate::bake::cuts::cut_texels;
 use crate::bake::layers::Layers;
 use crate::bake::memory::Extent;
 use crate::bake::reach::{CutViews, Reach};
@@ -61,7 +62,7 @@ impl Sample {
         let curve = shared.directions.curve();
         let chosen: Vec<DirectionId> = chosen(curve.len()).into_iter().map(|k| curve[k]).collect();
         let mut lit = totals::lit_sides(shared.texels, &rehearsal.total);
-        let sealed = pool.install(|| sealed(shared, rehearsal, &chosen, threads.max(1)));
+        let sealed = pool.install(|| sealed(shared, &chosen, threads.max(1)));
         lit.iter_mut().zip(&sealed).for_each(|(lit, sealed)| {
             (0..2).for_each(|side| lit[side] &= !sealed[side]);
         });
@@ -144,14 +145,9 @@ fn chosen(all: usize) -> Vec<usize> {
 
 /// The sides of surfaces that no light can come to anywhere, as far as more lines than the rehearsal's
 /// show: its few leave parts of solids' insides open.
-fn sealed(
-    shared: &Shared,
-    rehearsal: &Rehearsal,
-    chosen: &[DirectionId],
-    threads: usize,
-) -> Vec<[bool; 2]> {
+fn sealed(shared: &Shared, chosen: &[DirectionId], threads: usize) -> Vec<[bool; 2]> {
     let values = 2 * shared.texels.len();
-    let cut = &rehearsal.cut;
+    let cut = &cut_texels(shared.scene, shared.texels);
     let (mut all, mut views) = (Reach::new(values), CutViews::new(values));
     let sets = (0..threads).into_par_iter().map(|from| {
         let (mut reach, mut layers) = (Reach::new(values), Layers::default());

@@ -75,7 +75,8 @@ fn surface(r: &mut Reader, materials: usize) -> Result<Surface, Fault> {
     let frame = unit(normal) && unit(u) && unit(v) && u.cross(v).dot(normal) > 0.99;
     require(frame && origin.length() < 3.0, "a surface's frame is not one")?;
     require(extent.min_element() >= 0.0 && extent.max_element() <= 3.0, "a surface's extent")?;
-    let count = r.count(16)?;
+    // Each takes a count and three corners at least.
+    let count = r.count(4 + 3 * 12)?;
     let mut polygons = Vec::with_capacity(count);
     for _ in 0..count {
         let corners = r.count(12)?;
@@ -103,7 +104,8 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Scene, Fault> {
     require(centre.is_finite() && radius.is_finite() && radius > 0.0, "its fit is not one")?;
     let count = r.count(29)?;
     let materials = (0..count).map(|_| material(&mut r)).collect::<Result<Vec<_>, _>>()?;
-    let count = r.count(64)?;
+    // Each takes its frame, its extent and one polygon at least.
+    let count = r.count(4 + 14 * 4 + 4 + 40)?;
     if count as u64 > u64::from(limits::SURFACES) {
         let limit = limits::SURFACES.into();
         return Err(Fault::Limit { what: "surface count", value: count as u64, limit });

@@ -5,8 +5,8 @@
 //! values, one a side: value `2 * texel + side`. Mirrors have no texture map; they take one texel
 //! each, at the end, so that a fragment of any surface can be named by a texel number.
 
-use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
+use crate::format::{Fault, room_for};
 use crate::ids::{Side, SurfaceId};
 use crate::radiance::Rgb;
 use crate::scene::{Reflectance, Scene, Surface};
@@ -40,11 +40,24 @@ impl Texels {
     /// Lays texels of about `edge` (in the fitted scene's units) over every diffuse surface. A
     /// lattice divides its surface's bounding rectangle evenly, so that it ends where the surface ends.
     pub fn new(scene: &Scene, edge: f32) -> Texels {
+        Texels::lay(scene, edge, Vec::new())
+    }
+
+    /// As [`Texels::new`], for a scene that a file holds.
+    ///
+    /// # Errors
+    /// When there is no memory for them.
+    pub fn try_new(scene: &Scene, edge: f32) -> Result<Texels, Fault> {
+        let room = room_for(Texels::count(scene, edge), || "texels".into())?;
+        Ok(Texels::lay(scene, edge, room))
+    }
+
+    /// `surface_of` is empty, with or without room.
+    fn lay(scene: &Scene, edge: f32, mut surface_of: Vec<u32>) -> Texels {
         let mut lattices = vec![
             Lattice { first: 0, width: 1, height: 1, density: Vec2::ONE };
             scene.surfaces.len()
         ];
-        let mut surface_of = Vec::new();
         for mirrors in [false, true] {
             for id in scene.surface_ids() {
                 if scene.material_of(id).reflectance.is_mirror() != mirrors {
@@ -117,11 +130,11 @@ pub fn to_bytes(values: &[Rgb]) -> Vec<u8> {
 /// # Errors
 /// When the bytes are of another length, or a radiance is negative or not finite.
 pub fn from_bytes(bytes: &[u8], count: usize) -> Result<Vec<Rgb>, Fault> {
-    if bytes.len() != 12 * count {
+    if bytes.len() as u64 != 12 * count as u64 {
         let has = bytes.len();
         return Err(Fault::invalid(format!("texture map: {has} bytes for {count} values")));
     }
-    let mut values = Vec::with_capacity(count);
+    let mut values = room_for(count as u64, || "texture map".into())?;
     read_values(bytes, &mut values)?;
     Ok(values)
 }

@@ -74,7 +74,7 @@ pub struct How {
     pub threads: usize,
     pub order: Option<Vec<u32>>,
     pub commit_every: f64,
-    /// Stops after this many reports of progress.
+    /// Stops after this many reports of progress with light or maps.
     pub stop_after: Option<u32>,
 }
 
@@ -92,7 +92,10 @@ pub fn bake_to(path: &Path, scene: &Scene, parameters: &Parameters, how: &How) -
         memory: how.memory,
         threads: how.threads,
         stop: &stop,
-        progress: &|_| {
+        progress: &|p| {
+            if p.preparing {
+                return;
+            }
             let reports = reports.lock().unwrap();
             reports.set(reports.get() + 1);
             if how.stop_after == Some(reports.get()) {

@@ -24,7 +24,7 @@ STEPS = [
     ("/types/preamble/", 2),
     ("/types/features/", 2),
     ("/types/first_block/", 3),
-    ("/types/directory_entry/instances/padding", 5),
+    ("/types/directory_entry/instances/padding", 6),
     ("/types/directory_entry/", 5),
     ("", 7),
 ]
@@ -167,12 +167,14 @@ def check_directory(root, length, wanted):
         require(entry.ofs_stored == begins, 5, why)
         end = begins + entry.len_stored
         require(end <= length, 5, f"chunk {i} ends at {end}, the file at {length}")
-        asked(lambda: entry.padding, 5)
     why = f"the file ends at {length}, its last chunk at {end}"
     require(rounded_up(end, 64) == length, 5, why)
     why = f"a file of kind {block.file_kind.name}, not {wanted.name if wanted else 'wanted'}"
     require(wanted in (None, block.file_kind), 5, why)
     check_chunks(block, root.directory)
+    # Belongs to the chunk that it stands behind, and is looked at with it.
+    for entry in root.directory:
+        asked(lambda: entry.padding, 6)
 
 
 def rounded_up(number, step):
