@@ -21,7 +21,7 @@ pub struct Files {
     generations: Vec<u64>,
     /// Mean bytes of the maps in them.
     pub maps: Vec<Generation>,
-    /// Lines, for those who hold maps in memory.
+    /// All files of total maps.
     totals: u64,
     packed: [u64; 2],
 }
@@ -85,7 +85,7 @@ impl Files {
         })
     }
 
-    /// Lines of the bake.
+    /// How many directions have files of their own.
     pub fn directions(&self) -> u64 {
         self.directions
     }
@@ -170,5 +170,48 @@ impl Files {
             (false, generation) => self.generation(generation),
         };
         sums * self.sums + needed.iter().map(bytes).sum::<u64>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILES: Files = Files {
+        directions: 1000,
+        scene: 1,
+        textures: 10,
+        sums: 100,
+        record: 1,
+        generations: Vec::new(),
+        maps: Vec::new(),
+        totals: 50_000,
+        packed: [0; 2],
+    };
+
+    fn peak(generations: &[u64], seconds: &[f64], commit_every: f64) -> u64 {
+        let files = Files { generations: generations.to_vec(), ..FILES };
+        files.on_the_way(&Steps::of(seconds), commit_every).0
+    }
+
+    #[test]
+    fn without_mirrors_only_textures_and_sums_come_and_go() {
+        // Scene, records, the textures of two commits, total maps.
+        assert_eq!(peak(&[], &[1.0, 1.0, 1.0, 1.0], 5.0), 1 + 3 + 20 + 50_000);
+    }
+
+    #[test]
+    fn three_generations_are_there_when_cycles_are_short() {
+        let generations = [1_000_000; 4];
+        // At the end of a cycle: its own maps, those it gathers from, and those of the commit before.
+        let most = 1 + 3 + 3_000_000 + 30;
+        assert_eq!(peak(&generations, &[1.0, 1.0, 1.0, 1.0, 1.0], 5.0), most);
+    }
+
+    #[test]
+    fn long_cycles_let_the_generation_before_go() {
+        let generations = [1_000_000; 4];
+        let long = peak(&generations, &[60.0, 60.0, 60.0, 60.0, 60.0], 5.0);
+        assert!((2_000_000..2_500_000).contains(&long), "{long}");
     }
 }

@@ -154,7 +154,7 @@ pub fn plan(scene: &Scene, parameters: &Parameters, options: &Options) -> Result
     let files = disk::Files::new(&shared, &rehearsal, &sample)?;
     let disk = files.bytes(&steps, options.commit_every);
     let all_pages = memory::all_pages(&files, threads);
-    let peak = memory::peak(&shared, &sample, threads, all_pages.min(pages));
+    let peak = memory::peak(&shared, &sample, threads, (all_pages.min(pages), rehearsal.cycles()));
     let useful = need.smallest().max(need.fixed[0] + all_pages);
     Ok(Plan {
         directions: parameters.directions,

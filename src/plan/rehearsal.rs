@@ -24,8 +24,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Seconds of a processor that a file of maps takes to be made, written, synced, read and removed, more
-/// than in memory. Measured on ext4; the disk itself is taken to keep up, as it did there.
-const A_FILE: f64 = 5e-4;
+/// than in memory; and those of each of its bytes. Measured on ext4; the disk itself is taken to keep up.
+const A_FILE: f64 = 2e-4;
+const A_BYTE: f64 = 7e-9;
 
 /// What a rehearsal showed.
 pub struct Rehearsal {
@@ -334,8 +335,10 @@ impl Rehearsal {
             // The first commit is that of the empty field.
             let end = if *totals { *ended } else { commits.get(k + 1).copied().unwrap_or(*last) };
             let rest = (end - *last).at_least_none();
-            let step =
-                direction.map(|s| s * all * fragments).and(self.files(k, *totals, all)).and(rest);
+            let step = direction
+                .map(|s| s * all * fragments)
+                .and(self.files((k, *totals), sample, all))
+                .and(rest);
             if k == 0 {
                 let sweeps = sweeps.chunks(self.lines as usize).map(|s| self.direction(s));
                 let sweeps = sweeps.fold(Moment::default(), Moment::and);
@@ -361,9 +364,10 @@ impl Rehearsal {
     }
 
     /// What a step's files take on a disk more than in memory.
-    fn files(&self, step: usize, totals: bool, directions: f64) -> Moment {
-        let has_files = totals || self.generations.get(step).is_some();
-        let processor = if has_files { directions * A_FILE } else { 0.0 };
+    fn files(&self, (step, totals): (usize, bool), sample: &Sample, directions: f64) -> Moment {
+        let maps = sample.generations.get(step).map(|g| g.unshot + g.arrived);
+        let bytes = if totals { Some(sample.file) } else { maps };
+        let processor = bytes.map_or(0.0, |bytes| directions * (A_FILE + A_BYTE * bytes));
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         Moment([processor / cores as f64, processor])
     }
@@ -379,6 +383,13 @@ pub struct Steps {
 }
 
 impl Steps {
+    /// Steps of so many seconds.
+    #[cfg(test)]
+    pub fn of(seconds: &[f64]) -> Steps {
+        let steps = seconds.iter().map(|s| Moment([*s, 0.0])).collect();
+        Steps { steps, ..Steps::default() }
+    }
+
     /// Seconds of each cycle, and at last of the total maps.
     pub fn seconds(&self) -> impl Iterator<Item = f64> {
         self.steps.iter().map(|s| s.0[0])

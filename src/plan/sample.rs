@@ -135,7 +135,8 @@ impl Sample {
 /// Which of so many directions along the curve are looked at: one in each of equal parts. Not at equal
 /// distances: every fourth place of a Hilbert curve is the same corner of a square.
 fn chosen(all: usize) -> Vec<usize> {
-    let count = all.min(COUNT);
+    // Of a few more than those, parts of unequal length would be looked at too often.
+    let count = if all <= 2 * COUNT { all } else { COUNT };
     let place = |k: usize| {
         let inside = (k as f64 * 0.618_033_988_75).fract();
         ((k as f64 + inside) * all as f64 / count as f64) as usize
@@ -169,8 +170,8 @@ fn sealed(shared: &Shared, chosen: &[DirectionId], threads: usize) -> Vec<[bool;
     views.seal(&mut sealed);
     let mut sides = vec![[true; 2]; shared.scene.surfaces.len()];
     for (texel, surface) in shared.texels.surface_of.iter().enumerate() {
-        for side in 0..2 {
-            sides[*surface as usize][side] &= sealed.has(2 * texel + side);
+        for (side, all) in sides[*surface as usize].iter_mut().enumerate() {
+            *all &= sealed.has(2 * texel + side);
         }
     }
     sides
@@ -181,4 +182,19 @@ fn extent(shared: &Shared, id: DirectionId, layers: &mut Layers) -> Extent {
     let psf = Psf::new(shared.directions.vector(id), shared.parameters.resolution);
     layers.rasterise(shared.outlines, &psf);
     Extent::of(shared, id, layers)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_looked_at_are_spread_and_none_is_taken_twice() {
+        for all in [1, 9, 33, 128, 129, 513, 2049, 8193] {
+            let places = chosen(all);
+            assert_eq!(places.len(), if all <= 2 * COUNT { all } else { COUNT });
+            assert!(places.windows(2).all(|w| w[0] < w[1]), "{all}: {places:?}");
+            assert!(places.iter().all(|p| *p < all), "{all}: {places:?}");
+        }
+    }
 }
