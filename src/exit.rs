@@ -15,8 +15,10 @@ use std::error::Error;
 pub const USAGE: u8 = 2;
 /// The system refused; a field is intact and can be gone on with.
 pub const IO: u8 = 3;
-const CORRUPT: u8 = 4;
-const UNSUPPORTED: u8 = 5;
+/// What is there is damaged.
+pub const CORRUPT: u8 = 4;
+/// It may be good, but this version cannot read it.
+pub const UNSUPPORTED: u8 = 5;
 const LOCKED: u8 = 6;
 const LIMIT: u8 = 7;
 const IDENTITY: u8 = 8;
@@ -111,7 +113,7 @@ fn camera(e: &CameraError) -> u8 {
 fn field(e: &FieldError) -> u8 {
     match e {
         FieldError::Format(e) => format(e),
-        FieldError::Locked { .. } => LOCKED,
+        FieldError::Locked { .. } | FieldError::Moving(_) => LOCKED,
         FieldError::Identity { .. } => IDENTITY,
         FieldError::Foreign(_) => CORRUPT,
         _ => IO,

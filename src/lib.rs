@@ -84,6 +84,8 @@ pub mod plan;
 
 pub mod look;
 
+pub mod verify;
+
 pub mod exit;
 
 pub use bake::{BakeError, Outcome, bake};

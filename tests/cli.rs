@@ -381,10 +381,12 @@ fn help_names_every_command() {
     let output = vlf(&folder).arg("--help").output().unwrap();
     assert!(output.status.success());
     let said = String::from_utf8(output.stdout).unwrap();
-    for command in ["demo", "bake", "info", "render", "compare", "scene", "vlf-pack", "vlf-view"] {
+    for command in
+        ["demo", "bake", "info", "verify", "render", "compare", "scene", "vlf-pack", "vlf-view"]
+    {
         assert!(said.contains(command), "no `{command}` in {said}");
     }
-    for command in ["demo", "bake", "info", "render", "compare", "scene"] {
+    for command in ["demo", "bake", "info", "verify", "render", "compare", "scene"] {
         vlf(&folder).args([command, "--help"]).assert().success();
     }
     vlf(&folder).arg("--version").assert().success();

@@ -99,10 +99,14 @@ fn interrupted_politely_it_stops_keeps_its_work_and_says_how_to_go_on() {
     for (name, code) in [("-INT", 130), ("-TERM", 143)] {
         let folder = TempDir::new().unwrap();
         let field = folder.path().join("room.field");
-        let mut child = command(&field, "2049").spawn().unwrap();
-        begun(&field, &mut child);
+        let child = command(&field, "2049").spawn().unwrap();
         // Past the first directions, so that there is something to keep.
-        std::thread::sleep(Duration::from_millis(300));
+        let written = || std::fs::read_dir(field.join("unshot-0001")).map_or(0, Iterator::count);
+        let start = Instant::now();
+        while written() < 8 {
+            assert!(start.elapsed() < Duration::from_secs(60), "the bake does not begin");
+            std::thread::sleep(Duration::from_millis(1));
+        }
         signal(&child, name);
         let asked = Instant::now();
         let output = child.wait_with_output().unwrap();

@@ -20,6 +20,7 @@ const ORDER: [&str; 13] = [
     "pack",
     "plan",
     "look",
+    "verify",
     "exit",
 ];
 

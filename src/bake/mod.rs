@@ -186,11 +186,14 @@ pub fn bake_in(
     if !there && free < disk && !options.force {
         return Err(BakeError::Space { needs: words(disk), free: words(free) });
     }
-    let field = Field::create_or_resume(storage, scene, parameters, exponent, options.terms)?;
+    let mut field = Field::create_or_resume(storage, scene, parameters, exponent, options.terms)?;
     if let Some(notice) = field.notice() {
         tracing::warn!("{}: {notice}", field.path().display());
     }
     if field.manifest().phase == Phase::Finished {
+        if let Err(error) = field.settle() {
+            tracing::warn!("the field is finished, but not tidied up: {error}");
+        }
         return Ok(Outcome::Finished);
     }
     field.collect()?;
@@ -240,8 +243,10 @@ fn needs(
     let extent = memory::Extent::probe(&shared);
     let need = memory::Need::new(&shared, &extent, options.threads.max(1) as u64);
     if options.memory < need.smallest() {
+        // In whole units, so that what is said can be granted.
+        let unit = if need.smallest() > 1 << 20 { 1 << 20 } else { 1 << 10 };
         return Err(BakeError::Memory {
-            needs: words(need.smallest().next_multiple_of(1 << 16)),
+            needs: words(need.smallest().next_multiple_of(unit)),
             granted: words(options.memory),
             resolution: parameters.resolution,
         });

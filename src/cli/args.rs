@@ -15,6 +15,7 @@ A scene goes three ways: `vlf bake` makes a field of it, `vlf-pack` makes one fi
   vlf scene cornell_mirror -o room.obj            a bundled scene to begin with
   vlf bake room.obj -o room.field
   vlf-pack room.field -o room.vlf
+  vlf verify room.vlf
   vlf render room.vlf -o room.png --eye 0,1,3.4 --target 0,1,0
   vlf-view room.vlf
 
@@ -41,6 +42,8 @@ pub enum Command {
     Bake(Bake),
     /// Say what a field or pack is, how it was baked and where its light went
     Info(Info),
+    /// Check everything in a field, finished or not, or in a pack
+    Verify(Verify),
     /// Take a picture of a field or pack
     Render(Render),
     /// Compare two pictures: RMSE, relMSE, mean ratio
@@ -147,6 +150,24 @@ pub struct Info {
     pub json: bool,
 }
 
+/// Checks structure, hashes and values of everything that a field's newest commit names, or of a pack.
+/// Needs no write access and takes no lock: it works while a bake runs. Everything that is damaged is
+/// listed; exit code 0 means that nothing is, 4 that something is.
+#[derive(Args)]
+pub struct Verify {
+    /// A field directory, finished or not, or a pack
+    pub field: PathBuf,
+    /// Print the digest too: the same for every bake of the same scene with the same options
+    #[arg(long)]
+    pub digest: bool,
+    /// Threads
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
 #[derive(Args)]
 pub struct Render {
     /// A finished field directory or a pack
@@ -178,6 +199,10 @@ pub struct Render {
     /// Samples a pixel
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: u32,
+    /// Go on where direction maps are missing or damaged: pixels that need them are magenta. Without
+    /// this no picture is made then (exit code 4)
+    #[arg(long)]
+    pub tolerate: bool,
     /// Exposure of a PNG in EV (powers of two) [default: from the picture]
     #[arg(long, value_name = "EV", allow_hyphen_values = true)]
     pub exposure: Option<f32>,

@@ -11,6 +11,9 @@ use vlf::format::container::{ChunkKind, FileKind, NO_DIRECTION};
 use vlf::format::manifest::{Manifest, Phase, record_from_bytes};
 use vlf::format::{Fault, names};
 
+/// Bytes of a texel in a texture map: both sides, three f32 each.
+const TEXEL: u64 = 24;
+
 pub fn run(a: &args::Info) -> anyhow::Result<u8> {
     if a.json {
         say(&json(&a.field)?.to_string())?
@@ -26,6 +29,36 @@ struct Facts {
     /// Name and bytes of each part.
     parts: Vec<(&'static str, u64)>,
     surfaces: u32,
+    /// Texels, where there are texture maps.
+    texels: Option<u64>,
+    packed: bool,
+}
+
+impl Facts {
+    /// Fragments on a ray of the grids that are done, on the average.
+    fn fragments_a_ray(&self) -> Option<f64> {
+        let p = &self.manifest.parameters;
+        let counts = &p.perturbations;
+        let grids = |cycle: u32| u64::from(counts[(cycle as usize).min(counts.len() - 1)]);
+        let shot: u64 = (0..self.manifest.cycle).map(grids).sum();
+        let grids = shot * u64::from(p.directions) + self.total_maps();
+        let rays = grids * u64::from(p.resolution).pow(2);
+        (rays > 0).then(|| self.manifest.statistics.fragments as f64 / rays as f64)
+    }
+
+    /// Surfaces in a tile of the total maps that are done, on the average.
+    fn surfaces_a_tile(&self) -> Option<f64> {
+        let p = &self.manifest.parameters;
+        let tiles = self.total_maps() * u64::from(p.resolution / p.tile).pow(2);
+        (tiles > 0).then(|| self.manifest.statistics.entries as f64 / tiles as f64)
+    }
+
+    fn total_maps(&self) -> u64 {
+        match self.manifest.phase {
+            Phase::Propagating => 0,
+            _ => self.manifest.done_count().into(),
+        }
+    }
 }
 
 fn facts(path: &Path) -> anyhow::Result<Facts> {
@@ -41,7 +74,13 @@ fn facts(path: &Path) -> anyhow::Result<Facts> {
             ("mirrors' unshot maps", mirrors),
             ("total radiance maps", size(names::TOTAL)),
         ];
-        return Ok(Facts { manifest, id: header.field, parts, surfaces: header.surfaces });
+        let parts = match manifest.has_sums {
+            true => [parts, vec![("sums", size(&names::sums(manifest.sequence)))]].concat(),
+            false => parts,
+        };
+        let texels = texels(path, &names::textures(manifest.cycle));
+        let (id, surfaces) = (header.field, header.surfaces);
+        return Ok(Facts { manifest, id, parts, surfaces, texels, packed: false });
     }
     let mut file = files::open_at(path, FileKind::Pack)?;
     let entry = file.find(ChunkKind::Record, NO_DIRECTION)?;
@@ -59,7 +98,15 @@ fn facts(path: &Path) -> anyhow::Result<Facts> {
         ("total radiance maps", stored(ChunkKind::Total)),
     ];
     let (id, surfaces) = (directory.header.field, directory.header.surfaces);
-    Ok(Facts { manifest, id, parts, surfaces })
+    let textures = file.find(ChunkKind::TotalTexture, NO_DIRECTION);
+    let texels = textures.ok().map(|entry| entry.raw / TEXEL);
+    Ok(Facts { manifest, id, parts, surfaces, texels, packed: true })
+}
+
+/// Texels of a field, from the length of its texture maps.
+fn texels(field: &Path, name: &str) -> Option<u64> {
+    let file = files::open(&Disk::new(field), name, FileKind::Textures).ok()?;
+    Some(file.find(ChunkKind::TotalTexture, NO_DIRECTION).ok()?.raw / TEXEL)
 }
 
 /// Bytes of a file, or of all files below a folder; what is not there has none.
@@ -87,31 +134,44 @@ pub fn standing(path: &Path) -> anyhow::Result<String> {
 
 /// What a field or pack is, in lines.
 pub fn summary(path: &Path) -> anyhow::Result<String> {
-    let Facts { manifest: m, id, parts, surfaces } = facts(path)?;
+    let facts = facts(path)?;
+    let Facts { manifest: m, parts, .. } = &facts;
     let p = &m.parameters;
     let mut out = String::new();
-    let size = |bytes: u64| ByteSize::b(bytes).display().iec().to_string();
-    writeln!(out, "field {} of {surfaces} surfaces", hex(&id))?;
+    writeln!(out, "field {} of {} surfaces", hex(&facts.id), facts.surfaces)?;
     writeln!(
         out,
-        "  {} directions, {} x {} cells in tiles of {}, texels of {} cells, {}",
+        "  {} directions, {} x {} cells in tiles of {}, texels of {} cells, {}{}",
         p.directions,
         p.resolution,
         p.resolution,
         p.tile,
         p.texel_cells,
-        if p.one_sided { "one-sided" } else { "two-sided" }
+        if p.one_sided { "one-sided" } else { "two-sided" },
+        match p.filter {
+            0 => String::new(),
+            passes => format!(", filter {passes}"),
+        }
     )?;
     let perturbed: Vec<String> = p.perturbations.iter().map(u32::to_string).collect();
-    writeln!(out, "  grids a direction by cycle: {}, ...", perturbed.join(", "))?;
-    match m.phase {
-        Phase::Finished => writeln!(out, "  finished after {} cycles", m.cycle)?,
-        _ => writeln!(out, "  not finished: {}", standing(path)?)?,
+    write!(out, "  grids a direction by cycle: {}, ...; ", perturbed.join(", "))?;
+    match p.cycles {
+        Some(cycles) => writeln!(out, "{cycles} cycles")?,
+        None => writeln!(out, "cycles until {} % is unshot", 100.0 * p.unshot_fraction)?,
     }
+    match m.phase {
+        Phase::Finished => write!(out, "  finished after {} cycles", m.cycle)?,
+        _ => write!(out, "  not finished: {}", standing(path)?)?,
+    }
+    writeln!(
+        out,
+        "{}",
+        if facts.packed { "; packed".into() } else { format!("; commit {}", m.sequence) }
+    )?;
     let total: u64 = parts.iter().map(|(_, b)| b).sum();
     writeln!(out, "  {} in all", size(total))?;
-    for (name, bytes) in parts {
-        writeln!(out, "    {:<22} {:>12}", name, size(bytes))?;
+    for (name, bytes) in parts.iter().filter(|(_, bytes)| *bytes > 0) {
+        writeln!(out, "    {:<22} {:>12}", name, size(*bytes))?;
     }
     writeln!(out, "  energy, in % of what each cycle began with")?;
     writeln!(
@@ -134,25 +194,63 @@ pub fn summary(path: &Path) -> anyhow::Result<String> {
             100.0 * l.residual()
         )?;
     }
-    let s = &m.statistics;
-    if s.seconds > 0.0 {
-        write!(out, "  baked in {:.1} s", s.seconds)?;
-    } else {
-        write!(out, "  baked")?;
-    }
-    write!(out, ": {} fragments", s.fragments)?;
-    if s.gathers > 0 {
-        write!(out, ", {} lookups of mirrors, {} in holes", s.gathers, s.holes)?;
-    }
+    work(&facts, &mut out)?;
     if m.phase == Phase::Finished {
-        write!(out, "\n  digest {}", hex(&m.digest))?;
+        write!(out, "  digest {}", hex(&m.digest))?;
     }
-    Ok(out)
+    Ok(out.trim_end().to_owned())
+}
+
+/// What the bake took.
+fn work(facts: &Facts, out: &mut String) -> anyhow::Result<()> {
+    let s = &facts.manifest.statistics;
+    if s.seconds > 0.0 {
+        writeln!(out, "  baked in {:.1} s", s.seconds)?;
+    } else {
+        writeln!(out, "  baked")?;
+    }
+    let mut line = |name: &str, text: String| writeln!(out, "    {name:<22} {text}");
+    if let Some(texels) = facts.texels {
+        line("texels", texels.to_string())?;
+    }
+    let rays = facts.fragments_a_ray().map_or(String::new(), |n| format!(", {n:.2} a ray"));
+    line("fragments", format!("{}{rays}", s.fragments))?;
+    if let Some(surfaces) = facts.surfaces_a_tile() {
+        line("surfaces in a tile", format!("{surfaces:.2} on the average"))?;
+    }
+    if s.gathers > 0 {
+        let part = 100.0 * s.holes as f64 / s.gathers as f64;
+        line("lookups of mirrors", format!("{}, {} ({part:.2} %) in holes", s.gathers, s.holes))?;
+    }
+    let c = &s.cache;
+    if c.hits + c.misses > 0 {
+        let part = 100.0 * c.hits as f64 / (c.hits + c.misses) as f64;
+        let pages = format!("{} hits ({part:.1} %), {} misses", c.hits, c.misses);
+        line("page cache", format!("{pages}, {} evictions", c.evictions))?;
+        let read = format!("{} read, {} pages twice", size(c.bytes), c.redundant);
+        line("", format!("{read}; {} at most, {:.1} s waited", size(c.peak), c.wait))?;
+    }
+    if !facts.packed {
+        line("written", size(s.bytes_written))?;
+        let sync = match s.sync {
+            Some(0.0) => "with every commit".to_owned(),
+            Some(seconds) => format!("every {seconds} s"),
+            None => "left to the system".to_owned(),
+        };
+        line("sync", sync)?;
+    }
+    Ok(())
+}
+
+fn size(bytes: u64) -> String {
+    ByteSize::b(bytes).display().iec().to_string()
 }
 
 /// The same as one JSON object.
 pub fn json(path: &Path) -> anyhow::Result<Value> {
-    let Facts { manifest: m, id, parts, surfaces } = facts(path)?;
+    let facts = facts(path)?;
+    let (fragments_a_ray, surfaces_a_tile) = (facts.fragments_a_ray(), facts.surfaces_a_tile());
+    let Facts { manifest: m, id, parts, surfaces, texels, packed } = facts;
     let ledger: Vec<Value> = m
         .ledger
         .iter()
@@ -168,6 +266,9 @@ pub fn json(path: &Path) -> anyhow::Result<Value> {
     Ok(json!({
         "field": hex(&id),
         "surfaces": surfaces,
+        "texels": texels,
+        "packed": packed,
+        "commit": m.sequence,
         "parameters": m.parameters,
         "phase": m.phase,
         "cycles": m.cycle,
@@ -175,6 +276,8 @@ pub fn json(path: &Path) -> anyhow::Result<Value> {
         "bytes": sizes,
         "ledger": ledger,
         "statistics": m.statistics,
+        "fragments_a_ray": fragments_a_ray,
+        "surfaces_a_tile": surfaces_a_tile,
         "digest": hex(&m.digest),
     }))
 }

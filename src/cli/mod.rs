@@ -9,6 +9,7 @@ mod plan;
 mod progress;
 mod render;
 mod scene;
+mod verify;
 
 use clap::Parser;
 use std::io::{IsTerminal, Write};
@@ -28,6 +29,7 @@ pub fn run() -> ExitCode {
         args::Command::Plan(a) => plan::run(&a),
         args::Command::Bake(a) => bake::run(&a),
         args::Command::Info(a) => info::run(&a),
+        args::Command::Verify(a) => verify::run(&a),
         args::Command::Render(a) => render::run(&a),
         args::Command::Compare(a) => compare::run(&a),
         args::Command::Scene(a) => scene::run(&a),

@@ -10,7 +10,10 @@ use vlf::look::image::{Picture, write_exr, write_png};
 use vlf::look::render::{Options, method};
 use vlf::look::tone;
 use vlf::look::visible::Visible;
-use vlf::{Camera, LightField};
+use vlf::{Camera, DirectionId, LightField};
+
+/// Damaged directions that a warning names.
+const NAMED: usize = 20;
 
 /// What a picture's name says it is.
 #[derive(Clone, Copy, PartialEq)]
@@ -27,15 +30,45 @@ pub fn run(a: &args::Render) -> anyhow::Result<u8> {
     let visible = Visible::new(&field.scene);
     check_eye(&field, &visible, &camera)?;
     let options = (a.method.into(), Options { samples: a.samples });
-    let (picture, seconds) = take(&field, &visible, &camera, options, a.threads)?;
+    let (mut picture, missing, seconds) = match a.tolerate {
+        true => take_tolerant(&field, &visible, &camera, options, a.threads)?,
+        false => {
+            let (picture, seconds) = take(&field, &visible, &camera, options, a.threads)?;
+            (picture, Vec::new(), seconds)
+        }
+    };
+    let damaged = field.damaged();
+    if !damaged.is_empty() {
+        method::mark(&mut picture, &missing, a.exposure);
+        tell(&warning(&missing, camera.width * camera.height, &damaged));
+    }
     write(&a.output, kind, &picture, a.exposure)?;
     if a.json {
         let pixels = json!([camera.width, camera.height]);
-        say(&json!({"picture": a.output, "size": pixels, "seconds": seconds}).to_string())?;
+        let mut out = json!({"picture": a.output, "size": pixels, "seconds": seconds});
+        if a.tolerate {
+            out["damaged_directions"] = json!(damaged);
+            out["marked_pixels"] = json!(missing.len());
+        }
+        say(&out.to_string())?;
     } else {
         tell(&format!("{}: {:.2} s", a.output.display(), seconds));
     }
     Ok(0)
+}
+
+/// What a picture lacks, in a line.
+fn warning(missing: &[usize], pixels: u32, damaged: &[DirectionId]) -> String {
+    let named: Vec<String> = damaged.iter().take(NAMED).map(|d| d.0.to_string()).collect();
+    let more = match damaged.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    format!(
+        "warning: {} of {pixels} pixels need missing or damaged maps and are magenta: directions {}{more}",
+        missing.len(),
+        named.join(", ")
+    )
 }
 
 fn kind(path: &Path) -> anyhow::Result<Kind> {
@@ -109,12 +142,34 @@ pub fn take(
     options: (method::Method, Options),
     threads: Option<usize>,
 ) -> anyhow::Result<(Picture, f64)> {
+    let (picture, seconds) =
+        timed(threads, |progress| method::take(field, visible, camera, options, progress))?;
+    Ok((picture.context("the picture was not written")?, seconds))
+}
+
+/// The same where damaged maps are tolerated. Returns the pixels that needed them as well.
+fn take_tolerant(
+    field: &LightField,
+    visible: &Visible,
+    camera: &Camera,
+    options: (method::Method, Options),
+    threads: Option<usize>,
+) -> anyhow::Result<(Picture, Vec<usize>, f64)> {
+    let ((picture, missing), seconds) = timed(threads, |progress| {
+        method::take_tolerant(field, visible, camera, options, progress)
+    })?;
+    Ok((picture, missing, seconds))
+}
+
+/// Runs something on so many threads, with a progress bar. Returns what it gave and the seconds it took.
+fn timed<T: Send>(
+    threads: Option<usize>,
+    work: impl FnOnce(&(dyn Fn(f32) + Sync)) -> T + Send,
+) -> anyhow::Result<(T, f64)> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(bake::threads(threads)?).build()?;
     let bar = Bar::new("rendering");
-    let picture =
-        pool.install(|| method::take(field, visible, camera, options, &|part| bar.part(part)));
-    let seconds = bar.end().as_secs_f64();
-    Ok((picture.context("the picture was not written")?, seconds))
+    let done = pool.install(|| work(&|part| bar.part(part)));
+    Ok((done, bar.end().as_secs_f64()))
 }
 
 fn write(path: &Path, kind: Kind, picture: &Picture, ev: Option<f32>) -> anyhow::Result<()> {

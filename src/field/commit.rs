@@ -17,8 +17,8 @@ use crate::radiance::Rgb;
 use crate::scene::texels;
 use std::io::{self, BufWriter};
 use std::path::Path;
+use std::sync::PoisonError;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, PoisonError};
 
 /// Bytes gathered before they are written; larger parts are written as they come.
 const BUFFER: usize = 1 << 16;
@@ -38,9 +38,11 @@ impl Field {
         }
         operation().map_err(|e| {
             self.poisoned.store(true, Ordering::SeqCst);
-            match doing {
-                "sync" => FieldError::Flush { path: path.to_owned(), source: Arc::new(e) },
-                _ => FieldError::io(doing, path)(e),
+            match FieldError::io(doing, path)(e) {
+                FieldError::Io { doing: "sync", path, source } => {
+                    FieldError::Flush { path, source }
+                }
+                error => error,
             }
         })
     }
@@ -60,7 +62,7 @@ impl Field {
             self.bytes_written.fetch_add(writer.length(), Ordering::Relaxed);
             writer.finish()?.into_inner().map_err(io::IntoInnerError::into_error)
         })?;
-        if self.terms.sync || name.ends_with(".tmp") {
+        if self.terms.sync || name.ends_with(names::TEMPORARY) {
             self.guarded("sync", &path, || out.sync())?;
         }
         let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder);
@@ -242,29 +244,91 @@ impl Field {
     pub fn collect(&self) -> Result<(), FieldError> {
         let needed: Vec<String> = self.committed.iter().flat_map(needed_by).collect();
         let names = self.storage.list("").map_err(FieldError::io("list", self.path()))?;
-        for name in names.iter().filter(|n| names::is_of_a_commit(n) && !needed.contains(n)) {
-            self.remove(name)?;
-        }
-        Ok(())
+        let is_old = |n: &&String| {
+            let is_begun = names::is_ours(n) && n.ends_with(names::TEMPORARY);
+            is_begun || names::is_of_a_commit(n) && !needed.contains(n)
+        };
+        names.iter().filter(is_old).try_for_each(|name| self.remove(name))
     }
 
+    /// Removes a file, or a folder of tile files; what else someone has put into one stays.
     fn remove(&self, name: &str) -> Result<(), FieldError> {
+        use io::ErrorKind::{DirectoryNotEmpty, NotADirectory, NotFound};
         let path = self.path().join(name);
-        self.guarded("remove", &path, || match self.storage.list(name) {
-            Ok(files) => {
-                files.iter().try_for_each(|f| self.storage.remove(&format!("{name}/{f}")))?;
-                self.storage.remove_folder(name)
+        self.guarded("remove", &path, || {
+            let mut files = match self.storage.list(name) {
+                Err(e) if matches!(e.kind(), NotADirectory | NotFound) => {
+                    return self.storage.remove(name);
+                }
+                files => files?,
+            };
+            files.retain(|f| names::is_tile_file(f));
+            files.iter().try_for_each(|f| self.storage.remove(&format!("{name}/{f}")))?;
+            match self.storage.remove_folder(name) {
+                Err(e) if e.kind() == DirectoryNotEmpty => Ok(()),
+                result => result,
             }
-            Err(_) => self.storage.remove(name),
         })
     }
 
+    /// Makes sure of what this run goes on from. The run before may have been killed before the last
+    /// sync of its commit, or have left syncing to the system; the next commit says that all it names
+    /// has reached the disk.
+    pub(super) fn make_lasting(&self) -> Result<(), FieldError> {
+        let last = &self.manifest;
+        if !self.terms.sync || last.phase == Phase::Finished {
+            return Ok(());
+        }
+        self.name_changed_in("");
+        if last.statistics.sync.is_some() {
+            return self.sync_folders();
+        }
+        let sync = |name: &str| {
+            let path = self.path().join(name);
+            self.guarded("sync", &path, || self.storage.sync_file(name))
+        };
+        let names = self.storage.list("").map_err(FieldError::io("list", self.path()))?;
+        for name in names.iter().filter(|n| names::is_ours(n) && *n != names::LOCK) {
+            // A file is no folder.
+            let Ok(files) = self.storage.list(name) else {
+                sync(name)?;
+                continue;
+            };
+            { files.iter() }.try_for_each(|f| sync(&format!("{name}/{f}")))?;
+            self.name_changed_in(name);
+        }
+        self.sync_folders()
+    }
+
+    /// Tidies a finished field up after a run that was stopped at its very end.
+    ///
+    /// # Errors
+    /// Of the system; the field is finished all the same.
+    pub fn settle(&mut self) -> Result<(), FieldError> {
+        // The commit before the end needs what a finished field does not.
+        match self.committed.iter().all(|m| m.phase == Phase::Finished) {
+            true => self.collect(),
+            false => self.commit(),
+        }
+    }
+
     /// Digest of the finished field: a hash over the scene's, the textures' and every direction's
-    /// chunk hashes, in order. The same scene and parameters give the same digest on every run.
+    /// chunk hashes, in order. The same scene and parameters give the same digest on every run. All
+    /// that it stands for is read again: some of it may have been written days ago.
     ///
     /// # Errors
     /// When a file is missing or damaged.
     pub fn digest(&self) -> Result<[u8; 16], FieldError> {
+        let verify = |name: &str, kind| -> Result<(), FieldError> {
+            let mut file = files::open(&*self.storage, name, kind)?;
+            let entries = file.directory.entries.clone();
+            entries.iter().try_for_each(|entry| file.chunk(entry).map(|_| ()))
+        };
+        verify(names::SCENE, FileKind::Scene)?;
+        verify(&names::textures(self.manifest.cycle), FileKind::Textures)?;
+        for direction in 0..self.manifest.parameters.directions {
+            verify(&names::tile_file(names::TOTAL, direction), FileKind::Tiles)?;
+        }
         digest(&*self.storage, &self.manifest)
     }
 }

@@ -22,6 +22,8 @@ pub struct Opened {
     pub path: PathBuf,
     /// First block and directory.
     pub directory: Directory,
+    /// Its bytes.
+    pub length: u64,
     input: Box<dyn Input>,
 }
 
@@ -47,7 +49,7 @@ pub fn open(storage: &dyn Storage, name: &str, kind: FileKind) -> Result<Opened,
     }
     let directory = Directory::parse(&head, length).map_err(in_file)?;
     directory.is_of(kind).map_err(in_file)?;
-    Ok(Opened { directory, input, path })
+    Ok(Opened { directory, length, input, path })
 }
 
 /// The same for a file anywhere, such as a pack.
@@ -85,6 +87,20 @@ impl Opened {
     /// # Errors
     /// When it is damaged, or the system refuses.
     pub fn chunk(&mut self, entry: &ChunkEntry) -> Result<Vec<u8>, FieldError> {
+        let stored = self.stored(entry)?;
+        match container::decode(&self.directory.header.field, entry, &stored) {
+            Ok(std::borrow::Cow::Borrowed(_)) => {}
+            Ok(std::borrow::Cow::Owned(raw)) => return Ok(raw),
+            Err(f) => return Err(self.fault(f)),
+        }
+        Ok(stored)
+    }
+
+    /// A chunk's stored bytes as they are, for [`container::decode`] to verify.
+    ///
+    /// # Errors
+    /// When the padding behind it is damaged, there is no memory for it, or the system refuses.
+    pub fn stored(&mut self, entry: &ChunkEntry) -> Result<Vec<u8>, FieldError> {
         let length = entry.stored as usize + entry.padding();
         let name = || format!("{:?} of direction {}", entry.id.kind, entry.id.direction);
         let mut stored = room_for(length as u64, name).map_err(|f| self.fault(f))?;
@@ -93,11 +109,6 @@ impl Opened {
         let padding = entry.check_padding(&stored[entry.stored as usize..]);
         padding.map_err(|f| self.fault(f))?;
         stored.truncate(entry.stored as usize);
-        match container::decode(&self.directory.header.field, entry, &stored) {
-            Ok(std::borrow::Cow::Borrowed(_)) => {}
-            Ok(std::borrow::Cow::Owned(raw)) => return Ok(raw),
-            Err(f) => return Err(self.fault(f)),
-        }
         Ok(stored)
     }
 

@@ -17,9 +17,9 @@ pub mod pages;
 
 pub mod writer;
 
-use crate::format::container::{FileKind, Header, NO_DIRECTION};
-use crate::format::manifest::{Manifest, Parameters, Phase, Statistics, header};
-use crate::format::{FormatError, names};
+use crate::format::container::{FieldId, FileKind, Header, NO_DIRECTION};
+use crate::format::manifest::{Manifest, Parameters, Phase, Statistics, header, record_to_bytes};
+use crate::format::{Fault, FormatError, names};
 use crate::scene::{Scene, stored};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -103,6 +103,9 @@ pub enum FieldError {
         /// The difference.
         what: String,
     },
+    /// A reader found no moment at which all of it was there.
+    #[error("{0}: is being written faster than it can be checked; wait for the bake or stop it")]
+    Moving(PathBuf),
 }
 
 impl FieldError {
@@ -154,8 +157,18 @@ impl Default for Terms {
     }
 }
 
-fn hash(bytes: &[u8]) -> [u8; 16] {
+/// The 128-bit hash that scenes, digests and identities are.
+pub fn hash(bytes: &[u8]) -> [u8; 16] {
     XxHash3_128::oneshot(bytes).to_le_bytes()
+}
+
+/// Identity of the field that a manifest is of: the same for every bake of the same thing.
+///
+/// # Errors
+/// When its parameters take more bytes than a record may.
+pub fn identity(manifest: &Manifest) -> Result<FieldId, Fault> {
+    let Manifest { revision, parameters, scene_hash, .. } = manifest;
+    Ok(hash(&record_to_bytes(&(revision, parameters, scene_hash))?))
 }
 
 /// Names the first difference between what a field was begun with and what is asked for.
@@ -204,16 +217,10 @@ impl Field {
             statistics: Statistics::default(),
             digest: [0; 16],
         };
-        let record = crate::format::manifest::record_to_bytes(&(
-            fresh.revision,
-            &fresh.parameters,
-            fresh.scene_hash,
-        ))
-        .map_err(|f| f.in_file(path.display()))?;
+        let id = identity(&fresh).map_err(|f| f.in_file(path.display()))?;
         let surfaces = scene.surfaces.len() as u32;
         let place = (0, NO_DIRECTION);
-        let fresh_header =
-            header(FileKind::Manifest, hash(&record), parameters, surfaces, exponent, place);
+        let fresh_header = header(FileKind::Manifest, id, parameters, surfaces, exponent, place);
 
         if !may_be_field(&*storage)? {
             return Err(FieldError::Foreign(path));
@@ -251,7 +258,9 @@ impl Field {
             _lock: lock,
         };
         if begun {
-            field.keep_previous();
+            field.keep_previous()?;
+            field.try_to_write()?;
+            field.make_lasting()?;
         } else {
             field.write_scene(&scene_bytes)?;
             field.commit()?;
@@ -260,12 +269,26 @@ impl Field {
     }
 
     /// The commit before the one taken up, if it is sound: its files stay until the next commit.
-    fn keep_previous(&mut self) {
-        let name = names::manifest(self.manifest.sequence + 1);
-        let Ok(bytes) = files::read(&*self.storage, name) else { return };
-        if let Ok((_, before)) = Manifest::from_file(name, &bytes) {
-            self.committed.insert(0, before);
+    fn keep_previous(&mut self) -> Result<(), FieldError> {
+        for (name, bytes) in manifest_files(&*self.storage)?.into_iter().flatten() {
+            match Manifest::from_file(&name, &bytes) {
+                Ok((_, m)) if m.sequence < self.manifest.sequence => self.committed.insert(0, m),
+                _ => {}
+            }
         }
+        Ok(())
+    }
+
+    /// Finds out whether an unfinished field can be gone on with here before much is computed for it.
+    fn try_to_write(&self) -> Result<(), FieldError> {
+        if self.manifest.phase == Phase::Finished {
+            return Ok(());
+        }
+        // The next commit makes this file anew.
+        let name = names::temporary(names::manifest(self.manifest.sequence + 1));
+        let path = self.path().join(&name);
+        self.storage.create(&name, 0).map_err(FieldError::io("write", &path))?;
+        Ok(())
     }
 
     /// Where it is.
@@ -314,7 +337,8 @@ fn may_be_field(storage: &dyn Storage) -> Result<bool, FieldError> {
         Err(e) => return Err(FieldError::io("list", storage.place())(e)),
     };
     let is_begun = names.iter().any(|n| names::MANIFESTS.contains(&n.as_str()));
-    let is_first = |n: &String| n == names::LOCK || n == names::SCENE || n.ends_with(".tmp");
+    let is_first =
+        |n: &String| n == names::LOCK || n == names::SCENE || n.ends_with(names::TEMPORARY);
     Ok(names.iter().all(|n| names::is_ours(n) && (is_begun || is_first(n))))
 }
 

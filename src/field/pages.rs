@@ -298,3 +298,6 @@ fn count_wait(figures: &mut CacheFigures, began: Option<Instant>) {
     figures.misses += 1;
     figures.wait += began.map_or(0.0, |b| b.elapsed().as_secs_f64());
 }
+
+#[cfg(test)]
+mod tests;

@@ -11,6 +11,10 @@ pub const LOCK: &str = "lock";
 /// Folder of the total radiance maps' tile files.
 pub const TOTAL: &str = "total";
 
+/// How the name of a file that is being written ends.
+pub const TEMPORARY: &str = ".tmp";
+const TILES: &str = ".tiles";
+
 /// The commit record of a commit.
 pub fn manifest(sequence: u64) -> &'static str {
     MANIFESTS[(sequence % 2) as usize]
@@ -18,7 +22,7 @@ pub fn manifest(sequence: u64) -> &'static str {
 
 /// A file that is being written before it gets its name.
 pub fn temporary(name: &str) -> String {
-    format!("{name}.tmp")
+    format!("{name}{TEMPORARY}")
 }
 
 /// Texture maps of a generation.
@@ -38,7 +42,7 @@ pub fn generation(generation: u32) -> String {
 
 /// Tile file of a direction in a folder, within the field.
 pub fn tile_file(folder: &str, direction: u32) -> String {
-    format!("{folder}/{direction:06}.tiles")
+    format!("{folder}/{direction:06}{TILES}")
 }
 
 /// Tile file of a direction in a folder of the field at a path.
@@ -46,9 +50,14 @@ pub fn tiles(field: &Path, folder: &str, direction: u32) -> PathBuf {
     field.join(tile_file(folder, direction))
 }
 
+/// Whether a field's writer may have put a file of that name into a folder of tile files.
+pub fn is_tile_file(name: &str) -> bool {
+    name.strip_suffix(TILES).is_some_and(|n| n.len() >= 6 && n.bytes().all(|b| b.is_ascii_digit()))
+}
+
 /// Whether a field's writer may have put a file or folder of that name into the field.
 pub fn is_ours(name: &str) -> bool {
-    let name = name.strip_suffix(".tmp").unwrap_or(name);
+    let name = name.strip_suffix(TEMPORARY).unwrap_or(name);
     MANIFESTS.contains(&name) || [SCENE, LOCK, TOTAL].contains(&name) || is_of_a_commit(name)
 }
 

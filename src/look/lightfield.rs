@@ -10,7 +10,7 @@ use crate::format::manifest::{Manifest, Phase, record_from_bytes};
 use crate::format::tiles::{Layout, TileMap};
 use crate::format::{Fault, FormatError, limits, names};
 use crate::gather::{Around, mirrored};
-use crate::ids::{Side, SurfaceId};
+use crate::ids::{DirectionId, Side, SurfaceId};
 use crate::look::mapping::Mapping;
 use crate::radiance::Rgb;
 use crate::scene::texels::{self, Texels};
@@ -260,6 +260,13 @@ impl LightField {
         }
     }
 
+    /// The directions whose maps were needed so far and found missing or damaged.
+    pub fn damaged(&self) -> Vec<DirectionId> {
+        let is_damaged = |map: &OnceLock<_>| matches!(map.get(), Some(Err(_)));
+        let all = self.maps.iter().zip(0..);
+        all.filter(|(map, _)| is_damaged(map)).map(|(_, d)| DirectionId(d)).collect()
+    }
+
     /// Radiance leaving the side of `surface` that faces `away` (a unit vector pointing from the
     /// surface), at a point of its plane, in the fitted scene's units; W sr^-1 m^-2.
     ///
@@ -360,20 +367,35 @@ fn textures_of<'a>(
     raw: u64,
     bytes: impl FnOnce() -> Result<Cow<'a, [u8]>, Fault>,
 ) -> Result<(Texels, Vec<Rgb>), Fault> {
-    let p = &manifest.parameters;
-    let edge = 2.0 / p.resolution as f32 * p.texel_cells as f32;
-    let count = Texels::count(scene, edge);
-    if count > limits::TEXELS {
-        return Err(Fault::Limit { what: "texel count", value: count, limit: limits::TEXELS });
-    }
+    let count = texel_count(scene, manifest)?;
     if 24 * count != raw {
         return Err(Fault::invalid(format!("texture map: {raw} bytes for {count} texels")));
     }
     let total = texels::from_bytes(&bytes()?, 2 * count as usize)?;
-    Ok((Texels::try_new(scene, edge)?, total))
+    Ok((Texels::try_new(scene, texel_edge(manifest))?, total))
 }
 
-fn check_scene(scene: &Scene, surfaces: u32) -> Result<(), Fault> {
+/// How many texels a scene has in a field. Counted, not laid: a file may ask for any number.
+///
+/// # Errors
+/// When they are more than a field may have.
+pub fn texel_count(scene: &Scene, manifest: &Manifest) -> Result<u64, Fault> {
+    match Texels::count(scene, texel_edge(manifest)) {
+        count if count <= limits::TEXELS => Ok(count),
+        value => Err(Fault::Limit { what: "texel count", value, limit: limits::TEXELS }),
+    }
+}
+
+fn texel_edge(manifest: &Manifest) -> f32 {
+    let p = &manifest.parameters;
+    2.0 / p.resolution as f32 * p.texel_cells as f32
+}
+
+/// Refuses a scene that is not the one of its file's header.
+///
+/// # Errors
+/// When it has another number of surfaces.
+pub fn check_scene(scene: &Scene, surfaces: u32) -> Result<(), Fault> {
     match scene.surfaces.len() as u64 == u64::from(surfaces) {
         true => Ok(()),
         false => Err(Fault::invalid("its scene has another number of surfaces than its header")),

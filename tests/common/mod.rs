@@ -2,12 +2,15 @@
 
 #![allow(dead_code, reason = "each journey takes its own part")]
 
+pub mod store;
+
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use tempfile::TempDir;
-use vlf::bake::{Options, Outcome, bake};
+use vlf::bake::{Options, Outcome, bake_in};
+use vlf::field::storage::Storage;
 use vlf::field::storage::disk::Disk;
 use vlf::field::{Terms, read_manifest};
 use vlf::format::manifest::Manifest;
@@ -86,6 +89,16 @@ impl Default for How {
 
 /// Bakes, or goes on baking, at `path`.
 pub fn bake_to(path: &Path, scene: &Scene, parameters: &Parameters, how: &How) -> Outcome {
+    bake_into(Arc::new(Disk::new(path)), scene, parameters, how)
+}
+
+/// The same in any storage.
+pub fn bake_into(
+    storage: Arc<dyn Storage>,
+    scene: &Scene,
+    parameters: &Parameters,
+    how: &How,
+) -> Outcome {
     let stop = AtomicBool::new(false);
     let reports = Mutex::new(Cell::new(0));
     let options = Options {
@@ -108,7 +121,7 @@ pub fn bake_to(path: &Path, scene: &Scene, parameters: &Parameters, how: &How) -
         terms: Terms { sync: false, lock: true },
         force: false,
     };
-    bake(scene, parameters, path, &options).unwrap()
+    bake_in(storage, scene, parameters, &options).unwrap()
 }
 
 /// A finished field in a folder of its own, which goes with it.

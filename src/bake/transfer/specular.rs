@@ -48,13 +48,13 @@ impl MirrorSender {
         let mut arrived = [None, None, None];
         if let Some(pages) = pages {
             let reach = [polygon.u * polygon.extent.x, polygon.v * polygon.extent.y];
-            for k in 0..3 {
+            for (k, excerpt) in arrived.iter_mut().enumerate() {
                 let near = around.near[k];
                 if near.weight > 0.0 {
                     let page = pages.get(near.direction.0, ChunkKind::Unshot)?;
                     let bounds = (polygon.origin, reach);
                     let (map, psf) = (page.map(), &around.psfs[k]);
-                    arrived[k] = Some(Excerpt::new(&map, psf, surface, near.sense, bounds));
+                    *excerpt = Some(Excerpt::new(&map, psf, surface, near.sense, bounds));
                 }
             }
         }

@@ -31,6 +31,18 @@ impl Disk {
         }
         File::options().create(true).truncate(false).write(true).open(self.path(names::LOCK))
     }
+
+    /// What the one who holds the lock says of itself.
+    fn note(&self) -> io::Result<String> {
+        let mut bytes = [0; 200];
+        let length = self.open(names::LOCK)?.read_at(0, &mut bytes)?;
+        Ok(String::from_utf8_lossy(&bytes[..length]).into_owned())
+    }
+}
+
+/// The folder that a file or folder is in.
+fn parent(path: &Path) -> &Path {
+    path.parent().filter(|p| *p != Path::new("")).unwrap_or(Path::new("."))
 }
 
 impl Storage for Disk {
@@ -40,13 +52,18 @@ impl Storage for Disk {
 
     fn make(&self) -> io::Result<()> {
         if self.root.is_dir() {
-            return Ok(());
+            // Who made it may have been stopped before its name had reached the disk. Where the
+            // folder around it cannot be opened, someone else has made it.
+            return match File::open(parent(&self.root)) {
+                Ok(_) => sync_folder(parent(&self.root)),
+                Err(_) => Ok(()),
+            };
         }
+        // Every folder that is new has its name in the one around it.
+        let is_new = |p: &&Path| *p != Path::new("") && !p.is_dir();
+        let new: Vec<&Path> = self.root.ancestors().take_while(is_new).collect();
         fs::create_dir_all(&self.root)?;
-        match self.root.parent() {
-            Some(parent) if parent != Path::new("") => sync_folder(parent),
-            _ => sync_folder(Path::new(".")),
-        }
+        new.into_iter().try_for_each(|folder| sync_folder(parent(folder)))
     }
 
     fn lock(&self, note: &str) -> Result<Lock, LockError> {
@@ -54,17 +71,20 @@ impl Storage for Disk {
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                let note = fs::read_to_string(self.path(names::LOCK)).unwrap_or_default();
-                return Err(LockError::Held(note.chars().take(200).collect()));
+                return Err(LockError::Held(self.note().unwrap_or_default()));
             }
             Err(TryLockError::Error(e)) => return Err(LockError::Unsupported(e)),
         }
         // For people only: no note is no harm.
-        let _ = fs::write(self.path(names::LOCK), note);
+        let _ = self.create(names::LOCK, 0).and_then(|mut file| file.write_all(note.as_bytes()));
         Ok(Box::new(file))
     }
 
     fn list(&self, folder: &str) -> io::Result<Vec<String>> {
+        // What a link leads to is not the field's.
+        if !folder.is_empty() && !fs::symlink_metadata(self.path(folder))?.is_dir() {
+            return Err(io::ErrorKind::NotADirectory.into());
+        }
         let mut all = Vec::new();
         let entries = fs::read_dir(self.path(folder)).map_err(|e| match e.kind() {
             // A file on the way to the field is no field.
@@ -81,17 +101,30 @@ impl Storage for Disk {
     }
 
     fn open(&self, name: &str) -> io::Result<Box<dyn Input>> {
-        let file = File::open(self.path(name))?;
-        if !file.metadata()?.is_file() {
+        let path = self.path(name);
+        // Before it is opened: a pipe would let its reader wait.
+        if !fs::metadata(&path)?.is_file() {
             return Err(io::Error::other("not a regular file"));
         }
-        Ok(Box::new(file))
+        Ok(Box::new(File::open(path)?))
     }
 
     fn create(&self, name: &str, reserve: u64) -> io::Result<Box<dyn Output>> {
-        let file = File::create(self.path(name))?;
+        let path = self.path(name);
+        // Not through a link, nor into a device or a pipe: those are not the field's.
+        if fs::symlink_metadata(&path).is_ok_and(|m| !m.is_file()) {
+            return Err(io::Error::other("not a regular file"));
+        }
+        let file = File::create(path)?;
         if reserve > 0 {
-            match FileExt::allocate(&file, reserve) {
+            let reserved = loop {
+                match FileExt::allocate(&file, reserve) {
+                    // By a signal.
+                    Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                    result => break result,
+                }
+            };
+            match reserved {
                 // Some file systems cannot; then running full is found out while writing.
                 Err(e) if e.kind() == io::ErrorKind::Unsupported => {}
                 result => result?,
@@ -109,7 +142,10 @@ impl Storage for Disk {
     }
 
     fn create_folder(&self, folder: &str) -> io::Result<()> {
-        fs::create_dir_all(self.path(folder))
+        match fs::create_dir(self.path(folder)) {
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => self.list(folder).map(|_| ()),
+            result => result,
+        }
     }
 
     fn remove_folder(&self, folder: &str) -> io::Result<()> {
@@ -118,6 +154,11 @@ impl Storage for Disk {
 
     fn sync_folder(&self, folder: &str) -> io::Result<()> {
         sync_folder(&self.path(folder))
+    }
+
+    fn sync_file(&self, name: &str) -> io::Result<()> {
+        // Some systems sync only what could be written.
+        File::options().write(true).open(self.path(name))?.sync_all()
     }
 
     fn free(&self) -> Option<u64> {
@@ -129,7 +170,16 @@ impl Storage for Disk {
 
 fn sync_folder(path: &Path) -> io::Result<()> {
     // Elsewhere folders cannot be opened, and renaming is as lasting as it gets.
-    if cfg!(unix) { File::open(path)?.sync_all() } else { Ok(()) }
+    if !cfg!(unix) {
+        return Ok(());
+    }
+    match File::open(path)?.sync_all() {
+        // Some file systems have no sync of folders.
+        Err(e) if matches!(e.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported) => {
+            Ok(())
+        }
+        result => result,
+    }
 }
 
 impl Input for File {
@@ -147,5 +197,87 @@ impl Output for File {
     fn sync(&mut self) -> io::Result<()> {
         self.flush()?;
         self.sync_all()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn disk() -> (tempfile::TempDir, Disk) {
+        let folder = tempfile::TempDir::new().unwrap();
+        let disk = Disk::new(&folder.path().join("new/newer/a.field"));
+        disk.make().unwrap();
+        disk.make().unwrap();
+        (folder, disk)
+    }
+
+    #[test]
+    fn files_are_made_read_renamed_listed_and_removed() {
+        let (_folder, disk) = disk();
+        assert_eq!(disk.list("f").unwrap_err().kind(), io::ErrorKind::NotFound);
+        disk.create_folder("f").unwrap();
+        disk.create_folder("f").unwrap();
+        let mut file = disk.create("f/a", 100).unwrap();
+        file.write_all(&[7; 100]).unwrap();
+        file.sync().unwrap();
+        disk.sync_folder("f").unwrap();
+        disk.rename("f/a", "f/b").unwrap();
+        assert_eq!(disk.list("f").unwrap(), ["b"]);
+        let mut input = disk.open("f/b").unwrap();
+        let mut bytes = [0; 100];
+        input.read_exact_at(0, &mut bytes).unwrap();
+        assert_eq!((input.length().unwrap(), bytes), (100, [7; 100]));
+        let beyond = input.read_exact_at(1, &mut bytes).unwrap_err();
+        assert_eq!(beyond.kind(), io::ErrorKind::UnexpectedEof);
+        assert!(disk.remove_folder("f").is_err(), "not empty");
+        disk.remove("f/b").unwrap();
+        disk.remove_folder("f").unwrap();
+        assert_eq!(disk.list("").unwrap(), Vec::<String>::new());
+        assert!(disk.free().unwrap() > 0);
+    }
+
+    #[test]
+    fn the_lock_is_the_folders_and_says_whose_it_is() {
+        let (_folder, disk) = disk();
+        let held = disk.lock("me").unwrap();
+        for _ in 0..2 {
+            match disk.lock("you") {
+                Err(LockError::Held(note)) => assert!(note == "me" || note.is_empty()),
+                _ => panic!("two writers"),
+            }
+            let _ = fs::remove_file(disk.path(names::LOCK));
+        }
+        drop(held);
+        disk.lock("you").unwrap();
+    }
+
+    /// A field that someone else packed up may hold links to what is ours.
+    #[cfg(unix)]
+    #[test]
+    fn links_pipes_and_devices_are_not_written_through_nor_waited_for() {
+        let (folder, disk) = disk();
+        let ours = folder.path().join("ours");
+        fs::create_dir(&ours).unwrap();
+        fs::write(ours.join("letter"), "Dear reader").unwrap();
+        let link = |to: &Path, name: &str| std::os::unix::fs::symlink(to, disk.path(name)).unwrap();
+        link(&ours.join("letter"), "manifest-0.tmp");
+        link(&ours.join("letter"), names::LOCK);
+        link(&ours, "unshot-0001");
+        link(Path::new("/dev/zero"), "scene");
+        drop(disk.lock("note").unwrap());
+        assert!(disk.create("manifest-0.tmp", 0).is_err());
+        assert!(disk.create("scene", 0).is_err());
+        assert!(disk.open("scene").is_err());
+        assert!(disk.list("unshot-0001").is_err());
+        assert!(disk.create_folder("unshot-0001").is_err());
+        let pipe = std::process::Command::new("mkfifo").arg(disk.path("manifest-1")).status();
+        if pipe.is_ok_and(|s| s.success()) {
+            assert!(disk.open("manifest-1").is_err());
+            assert!(disk.create("manifest-1", 0).is_err());
+        } else {
+            eprintln!("no pipes here: links and devices stand for them");
+        }
+        assert_eq!(fs::read_to_string(ours.join("letter")).unwrap(), "Dear reader");
     }
 }

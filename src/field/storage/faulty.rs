@@ -14,7 +14,8 @@ pub struct Faults {
     pub fail: Option<u64>,
     /// Whether all operations after that one fail too, as after a loss of power.
     pub for_ever: bool,
-    /// What the failure is called.
+    /// What the failure is called. `WriteZero` and `UnexpectedEof` are not said: the write takes
+    /// nothing, the read brings nothing.
     pub kind: Option<io::ErrorKind>,
     /// Reads and writes take a part of what they are given, or are interrupted.
     pub short: bool,
@@ -139,6 +140,11 @@ impl<S: Storage> Storage for Faulty<S> {
         if self.hurt.skips() { Ok(()) } else { self.inner.sync_folder(folder) }
     }
 
+    fn sync_file(&self, name: &str) -> io::Result<()> {
+        self.hurt.step("sync", name)?;
+        if self.hurt.skips() { Ok(()) } else { self.inner.sync_file(name) }
+    }
+
     fn free(&self) -> Option<u64> {
         self.inner.free()
     }
@@ -156,7 +162,10 @@ impl Input for Reading {
     }
 
     fn read_at(&mut self, at: u64, into: &mut [u8]) -> io::Result<usize> {
-        self.hurt.step("read", &self.name)?;
+        match self.hurt.step("read", &self.name) {
+            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => return Ok(0),
+            result => result?,
+        }
         let part = self.hurt.part(into.len())?;
         self.inner.read_at(at, &mut into[..part])
     }
@@ -170,7 +179,10 @@ struct Writing {
 
 impl Write for Writing {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.hurt.step("write", &self.name)?;
+        match self.hurt.step("write", &self.name) {
+            Err(e) if e.kind() == io::ErrorKind::WriteZero => return Ok(0),
+            result => result?,
+        }
         let part = self.hurt.part(bytes.len())?;
         self.inner.write(&bytes[..part])
     }
@@ -190,5 +202,66 @@ impl Output for Writing {
     fn sync(&mut self) -> io::Result<()> {
         self.hurt.step("sync", &self.name)?;
         if self.hurt.skips() { Ok(()) } else { self.inner.sync() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::memory::Memory;
+    use super::*;
+
+    fn faulty(faults: Faults) -> Faulty<Memory> {
+        Faulty::new(Arc::new(Memory::default()), faults)
+    }
+
+    #[test]
+    fn one_operation_fails_or_all_from_it_on() {
+        for for_ever in [false, true] {
+            let kind = Some(io::ErrorKind::StorageFull);
+            let disk = faulty(Faults { fail: Some(1), for_ever, kind, ..Faults::default() });
+            let made = [0, 1, 2, 3].map(|_| disk.create_folder("f").map_err(|e| e.kind()));
+            let later = if for_ever { Err(io::ErrorKind::StorageFull) } else { Ok(()) };
+            assert_eq!(made, [Ok(()), Err(io::ErrorKind::StorageFull), later, later]);
+            assert_eq!(disk.operations(), 4);
+            assert_eq!(disk.log()[..2], ["create folder f", "create folder f: failed"]);
+        }
+    }
+
+    #[test]
+    fn what_comes_in_parts_is_whole_in_the_end() {
+        let disk = faulty(Faults { short: true, ..Faults::default() });
+        let whole: Vec<u8> = (0..=255).collect();
+        disk.create("a", 0).unwrap().write_all(&whole).unwrap();
+        let mut bytes = vec![0; 256];
+        disk.open("a").unwrap().read_exact_at(0, &mut bytes).unwrap();
+        assert_eq!(bytes, whole);
+        assert!(disk.operations() > 4, "nothing came in parts");
+    }
+
+    #[test]
+    fn nothing_taken_and_nothing_brought_end_in_an_error() {
+        let hurt = |kind| Faults { fail: Some(1), kind: Some(kind), ..Faults::default() };
+        let disk = faulty(hurt(io::ErrorKind::WriteZero));
+        let written = disk.create("a", 0).unwrap().write_all(b"letter");
+        assert_eq!(written.unwrap_err().kind(), io::ErrorKind::WriteZero);
+        disk.create("a", 0).unwrap().write_all(b"letter").unwrap();
+        let disk = Faulty::new(disk.inner.clone(), hurt(io::ErrorKind::UnexpectedEof));
+        let read = disk.open("a").unwrap().read_exact_at(0, &mut [0]);
+        assert_eq!(read.unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
+    }
+
+    #[test]
+    fn a_sync_that_is_left_out_is_said_to_be_done() {
+        let last = |log: &[String]| log.last().is_some_and(|l| l == "sync a");
+        let disk = faulty(Faults { unsynced: Some(last), ..Faults::default() });
+        for name in ["a", "b"] {
+            let mut file = disk.create(name, 0).unwrap();
+            file.write_all(b"letter").unwrap();
+            file.sync().unwrap();
+        }
+        disk.sync_folder("").unwrap();
+        let after = disk.inner.after_power_loss(|| 1);
+        let lengths = ["a", "b"].map(|name| after.open(name).unwrap().length().unwrap());
+        assert_eq!(lengths, [0, 6]);
     }
 }

@@ -84,6 +84,12 @@ pub trait Storage: Send + Sync {
     /// Of the system.
     fn sync_folder(&self, folder: &str) -> io::Result<()>;
 
+    /// Returns when a file that is there has reached the disk, whoever wrote it.
+    ///
+    /// # Errors
+    /// As [`Output::sync`].
+    fn sync_file(&self, name: &str) -> io::Result<()>;
+
     /// Bytes that are free for more files, where that is known.
     fn free(&self) -> Option<u64>;
 }

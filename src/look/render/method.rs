@@ -5,6 +5,7 @@ use super::{Options, render};
 use crate::format::FormatError;
 use crate::look::image::Picture;
 use crate::look::lightfield::LightField;
+use crate::look::tone::auto_exposure;
 use crate::look::visible::{Hit, Visible};
 use crate::radiance::Rgb;
 use crate::scene::camera::Camera;
@@ -28,9 +29,51 @@ pub fn take(
     field: &LightField,
     visible: &Visible,
     camera: &Camera,
-    (method, options): (Method, Options),
+    how: (Method, Options),
     progress: &(dyn Fn(f32) + Sync),
 ) -> Result<Picture, FormatError> {
+    let (picture, failure) = taken(field, visible, camera, how, progress);
+    match failure {
+        None => Ok(picture),
+        Some(error) => Err(error),
+    }
+}
+
+/// The same, going on where maps are missing or damaged. Returns the pixels that needed one as well, row
+/// by row; they are black, see [`mark`]. [`LightField::damaged`] says which directions it were.
+pub fn take_tolerant(
+    field: &LightField,
+    visible: &Visible,
+    camera: &Camera,
+    how: (Method, Options),
+    progress: &(dyn Fn(f32) + Sync),
+) -> (Picture, Vec<usize>) {
+    let (mut picture, _) = taken(field, visible, camera, how, progress);
+    let mut missing = Vec::new();
+    for (at, pixel) in picture.pixels.iter_mut().enumerate() {
+        if !pixel.is_physical() {
+            *pixel = Rgb::BLACK;
+            missing.push(at);
+        }
+    }
+    (picture, missing)
+}
+
+/// Paints pixels magenta, as bright as white is at an exposure (in stops; `None`: the picture's own).
+pub fn mark(picture: &mut Picture, pixels: &[usize], ev: Option<f32>) {
+    let white = (-ev.unwrap_or_else(|| auto_exposure(picture))).exp2();
+    pixels.iter().for_each(|at| picture.pixels[*at] = Rgb([white, 0.0, white]));
+}
+
+/// A picture, and the first error. Pixels that met one are not numbers, however many of their samples
+/// were good.
+fn taken(
+    field: &LightField,
+    visible: &Visible,
+    camera: &Camera,
+    (method, options): (Method, Options),
+    progress: &(dyn Fn(f32) + Sync),
+) -> (Picture, Option<FormatError>) {
     let scene = &field.scene;
     let failure = OnceLock::new();
     let picture = match method {
@@ -49,14 +92,11 @@ pub fn take(
             let radiance = |dir: Vec3, hit: &Hit| {
                 field.radiance(hit.surface, hit.point, -dir).unwrap_or_else(|e| {
                     failure.get_or_init(|| e);
-                    Rgb::BLACK
+                    Rgb::splat(f32::NAN)
                 })
             };
             render(scene, visible, camera, options, &radiance, progress)
         }
     };
-    match failure.into_inner() {
-        None => Ok(picture),
-        Some(error) => Err(error),
-    }
+    (picture, failure.into_inner())
 }
