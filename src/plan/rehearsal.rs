@@ -197,6 +197,10 @@ impl Storage for Watched {
         self.inner.remove_folder(folder)
     }
 
+    fn sync_file(&self, name: &str) -> io::Result<()> {
+        self.inner.sync_file(name)
+    }
+
     fn sync_folder(&self, folder: &str) -> io::Result<()> {
         self.inner.sync_folder(folder)
     }
