@@ -29,7 +29,7 @@ pub fn all_pages(files: &Files, threads: u64) -> u64 {
 /// from arenas of their own, and from cycle to cycle more of these have been full once. Measured with
 /// the GNU C library, where chance makes it anything from nothing to twice as much.
 fn kept(pages: u64, cycles: u32) -> u64 {
-    let filled = ((f64::from(cycles) - 6.0) / 6.0).clamp(0.0, 1.0);
+    let filled = ((f64::from(cycles) - 4.0) / 6.0).clamp(0.0, 1.0);
     let pages = pages as f64;
     let most = 0.6 * pages + (0.7 * pages).min(f64::from(4 << 20));
     // The first of it is part of [`EMPTY`].

@@ -150,11 +150,12 @@ pub fn plan(scene: &Scene, parameters: &Parameters, options: &Options) -> Result
     let rehearsal = rehearse(&shared, pages, options)?;
     let sample = Sample::new(&shared, &rehearsal, options.threads)?;
 
-    let steps = rehearsal.steps(&shared, &sample);
     let files = disk::Files::new(&shared, &rehearsal, &sample)?;
-    let disk = files.bytes(&steps, options.commit_every);
     let all_pages = memory::all_pages(&files, threads);
-    let peak = memory::peak(&shared, &sample, threads, (all_pages.min(pages), rehearsal.cycles()));
+    let held = all_pages.min(pages);
+    let steps = rehearsal.steps(&shared, &sample, held);
+    let disk = files.bytes(&steps, options.commit_every);
+    let peak = memory::peak(&shared, &sample, threads, (held, rehearsal.cycles()));
     let useful = need.smallest().max(need.fixed[0] + all_pages);
     Ok(Plan {
         directions: parameters.directions,

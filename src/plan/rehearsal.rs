@@ -28,6 +28,11 @@ use std::time::Instant;
 const A_FILE: f64 = 2e-4;
 const A_BYTE: f64 = 7e-9;
 
+/// Seconds of a processor that a mirror's look into a page takes more when the page has to come from
+/// memory, and bytes of pages that its caches hold. The rehearsal's few pages stay in the caches.
+const A_LOOK: f64 = 7e-7;
+const NEAR: f64 = 6e6;
+
 /// What a rehearsal showed.
 pub struct Rehearsal {
     /// Its lines.
@@ -319,8 +324,8 @@ impl Rehearsal {
         statistics.fragments + 20 * (statistics.cache.hits + statistics.cache.misses)
     }
 
-    /// What the steps of the whole bake will take.
-    pub fn steps(&self, shared: &Shared, sample: &Sample) -> Steps {
+    /// What the steps of the whole bake will take, with so many bytes of pages held.
+    pub fn steps(&self, shared: &Shared, sample: &Sample, pages: u64) -> Steps {
         let Marks { begun, sweeps, reports, commits, ended } = &self.marks;
         let lines = f64::from(self.lines);
         let all = f64::from(shared.parameters.directions);
@@ -350,7 +355,8 @@ impl Rehearsal {
                 steps.beginning = fixed.and(sweeps.map(|s| s * all * sample.fragments));
                 steps.steps.push(step);
             } else {
-                steps.steps.push(preparing.and(step));
+                let looks = if *totals { Moment::default() } else { self.looks(all, pages) };
+                steps.steps.push(preparing.and(step).and(looks));
             }
             before = end;
         }
@@ -365,6 +371,17 @@ impl Rehearsal {
         // The first directions of all threads come at once.
         let between = done.len().saturating_sub(self.threads as usize).max(1);
         (*last - *first).map(|s| s / between as f64)
+    }
+
+    /// What the mirrors' looks into pages take in a cycle more than in the rehearsal.
+    fn looks(&self, directions: f64, pages: u64) -> Moment {
+        let cache = &self.manifest.statistics.cache;
+        let cycles = f64::from(self.manifest.cycle.max(2) - 1);
+        let looks =
+            (cache.hits + cache.misses) as f64 / cycles * directions / f64::from(self.lines);
+        let far = |pages: f64| 1.0 - (NEAR / pages.max(1.0)).min(1.0);
+        let processor = looks * A_LOOK * (far(pages as f64) - far(cache.peak as f64)).max(0.0);
+        Moment([processor / f64::from(self.threads), processor])
     }
 
     /// What a step's files take on a disk more than in memory.
