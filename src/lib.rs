@@ -80,6 +80,8 @@ pub mod bake;
 
 pub mod pack;
 
+pub mod plan;
+
 pub mod look;
 
 pub mod verify;

@@ -7,7 +7,7 @@ mod source;
 use std::fs;
 
 /// The data's way through the library. `lib.rs` lists those that exist in this order.
-const ORDER: [&str; 13] = [
+const ORDER: [&str; 14] = [
     "radiance",
     "ids",
     "directions",
@@ -18,6 +18,7 @@ const ORDER: [&str; 13] = [
     "field",
     "bake",
     "pack",
+    "plan",
     "look",
     "verify",
     "exit",
@@ -25,10 +26,11 @@ const ORDER: [&str; 13] = [
 
 /// `(importer, imported)`: the reading side does not know how a field is made, the file does not
 /// know what its bytes mean, and light is gathered from whatever holds it.
-const APART: [(&str, &str); 8] = [
+const APART: [(&str, &str); 9] = [
     ("look", "field"),
     ("look", "bake"),
     ("look", "pack"),
+    ("look", "plan"),
     ("format", "scene"),
     ("format", "gather"),
     ("format", "field"),

@@ -176,16 +176,7 @@ pub fn bake_in(
     parameters: &Parameters,
     options: &Options,
 ) -> Result<Outcome, BakeError> {
-    check(parameters)?;
-    let directions = Directions::with_lines(parameters.directions)
-        .ok_or_else(|| BakeError::Parameter(no_lattice(parameters.directions)))?;
-    let count = Texels::count(scene, texel_edge(parameters));
-    if count > limits::TEXELS {
-        let most = limits::TEXELS;
-        return Err(BakeError::Parameter(format!(
-            "the scene would have {count} texels and may have {most}: lower --resolution or raise --texel"
-        )));
-    }
+    let directions = checked(scene, parameters)?;
     let texels = texels(scene, parameters);
     let most = scene.materials.iter().map(|m| m.emitted.max()).fold(0.0, f32::max);
     let exponent = exponent_for(most);
@@ -208,6 +199,24 @@ pub fn bake_in(
     field.collect()?;
     let bake = cycle::Bake::new(scene, &texels, &directions, field, (most, need), options)?;
     bake.run(Instant::now())
+}
+
+/// The lines of a bake, if it can be made with these parameters.
+///
+/// # Errors
+/// Parameters out of range.
+pub fn checked(scene: &Scene, parameters: &Parameters) -> Result<Directions, BakeError> {
+    check(parameters)?;
+    let directions = Directions::with_lines(parameters.directions)
+        .ok_or_else(|| BakeError::Parameter(no_lattice(parameters.directions)))?;
+    let count = Texels::count(scene, texel_edge(parameters));
+    if count > limits::TEXELS {
+        let most = limits::TEXELS;
+        return Err(BakeError::Parameter(format!(
+            "the scene would have {count} texels and may have {most}: lower --resolution or raise --texel"
+        )));
+    }
+    Ok(directions)
 }
 
 /// What a bake needs of memory, and about what it needs of the disk at its peak; refused when the

@@ -36,6 +36,8 @@ pub struct Cli {
 pub enum Command {
     /// Bake, pack and render a bundled room; needs no other file
     Demo(Demo),
+    /// Say what a bake will take: disk, memory, time; writes nothing
+    Plan(Plan),
     /// Bake a scene into a field, or go on with a bake that was stopped
     Bake(Bake),
     /// Say what a field or pack is, how it was baked and where its light went
@@ -65,11 +67,39 @@ pub struct Demo {
 
 #[derive(Args)]
 pub struct Bake {
-    /// The scene: a Wavefront OBJ; its MTL files lie beside it
-    pub scene: PathBuf,
+    #[command(flatten)]
+    pub baking: Baking,
     /// The field: a directory that is made, or gone on with
     #[arg(short, long)]
     pub output: PathBuf,
+    /// Do without a lock, where the file system has none. Two bakes into one field damage it
+    #[arg(long)]
+    pub no_lock: bool,
+    /// Begin though the disk seems to be too small
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct Plan {
+    #[command(flatten)]
+    pub baking: Baking,
+    /// Where the field would be: says what is free there
+    #[arg(short, long)]
+    pub output: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is baked, and with what.
+#[derive(Args)]
+pub struct Baking {
+    /// The scene: a Wavefront OBJ; its MTL files lie beside it
+    pub scene: PathBuf,
     /// Lines of the light field: 9, 33, 129, 513, 2049, 8193, ...
     #[arg(long, default_value_t = 2049)]
     pub directions: u32,
@@ -100,12 +130,6 @@ pub struct Bake {
     /// at most as much in any case, 5 s with `none`
     #[arg(long, default_value = "interval:5s")]
     pub sync: SyncPolicy,
-    /// Do without a lock, where the file system has none. Two bakes into one field damage it
-    #[arg(long)]
-    pub no_lock: bool,
-    /// Begin though the disk seems to be too small
-    #[arg(long)]
-    pub force: bool,
     /// Surfaces have a front only, as in the paper; their backs are black
     #[arg(long)]
     pub one_sided: bool,
@@ -115,9 +139,6 @@ pub struct Bake {
     /// Passes of a 3 x 3 texel filter over each cycle's texture maps; 0 for none
     #[arg(long, default_value_t = super::bake::FILTER)]
     pub filter: u32,
-    /// Print one JSON object on standard output
-    #[arg(long)]
-    pub json: bool,
 }
 
 #[derive(Args)]

@@ -45,28 +45,17 @@ pub const FILTER: u32 = 0;
 const UNSHOT_FRACTION: f64 = 1e-3;
 
 pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
-    let (scene, report) = Scene::open(&a.scene)?;
-    let quality: Quality = a.quality.into();
-    let parameters = Parameters {
-        directions: a.directions,
-        resolution: a.resolution,
-        tile: a.tile,
-        cycles: a.cycles.0,
-        unshot_fraction: UNSHOT_FRACTION,
-        perturbations: a.perturb.clone().unwrap_or_else(|| quality.perturbations()),
-        texel_cells: a.texel,
-        filter: a.filter,
-        one_sided: a.one_sided,
-    };
+    let b = &a.baking;
+    let (scene, report) = Scene::open(&b.scene)?;
     tell_report(&report);
     let how = How {
-        memory: a.memory.as_u64(),
-        threads: a.threads,
-        sync: a.sync,
+        memory: b.memory.as_u64(),
+        threads: b.threads,
+        sync: b.sync,
         lock: !a.no_lock,
         force: a.force,
     };
-    let code = bake_with_bar(&scene, &parameters, &a.output, how)?;
+    let code = bake_with_bar(&scene, &parameters(b), &a.output, how)?;
     if code != 0 {
         return Ok(code);
     }
@@ -78,6 +67,22 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
         say(&info::summary(&a.output)?)?;
     }
     Ok(0)
+}
+
+/// What decides the bits, as it was typed.
+pub fn parameters(a: &args::Baking) -> Parameters {
+    let quality: Quality = a.quality.into();
+    Parameters {
+        directions: a.directions,
+        resolution: a.resolution,
+        tile: a.tile,
+        cycles: a.cycles.0,
+        unshot_fraction: UNSHOT_FRACTION,
+        perturbations: a.perturb.clone().unwrap_or_else(|| quality.perturbations()),
+        texel_cells: a.texel,
+        filter: a.filter,
+        one_sided: a.one_sided,
+    }
 }
 
 /// Prints what was made of a scene's files.
@@ -120,6 +125,15 @@ fn group_limit() -> Option<u64> {
     limits.min()
 }
 
+/// Seconds between commits, and whether they are synced.
+pub fn commits(sync: SyncPolicy) -> (f64, bool) {
+    match sync {
+        SyncPolicy::Commit => (0.0, true),
+        SyncPolicy::Interval(seconds) => (seconds, true),
+        SyncPolicy::None => (5.0, false),
+    }
+}
+
 /// Bakes with a progress bar; stops between directions when asked by a signal. Returns the exit code.
 pub fn bake_with_bar(
     scene: &Scene,
@@ -146,11 +160,7 @@ pub fn bake_with_bar(
     #[cfg(unix)]
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     let bar = Bar::new("baking");
-    let (commit_every, sync) = match how.sync {
-        SyncPolicy::Commit => (0.0, true),
-        SyncPolicy::Interval(seconds) => (seconds, true),
-        SyncPolicy::None => (5.0, false),
-    };
+    let (commit_every, sync) = commits(how.sync);
     let options = Options {
         memory: how.memory,
         threads: threads(how.threads)?,

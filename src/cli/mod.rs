@@ -5,6 +5,7 @@ mod bake;
 mod compare;
 mod demo;
 mod info;
+mod plan;
 mod progress;
 mod render;
 mod scene;
@@ -25,6 +26,7 @@ pub fn run() -> ExitCode {
         .init();
     let result = match args::Cli::parse().command {
         args::Command::Demo(a) => demo::run(&a),
+        args::Command::Plan(a) => plan::run(&a),
         args::Command::Bake(a) => bake::run(&a),
         args::Command::Info(a) => info::run(&a),
         args::Command::Verify(a) => verify::run(&a),

@@ -1,0 +1,85 @@
+//! Bytes in memory: what the bake holds at once in each of its phases, with the lines' own numbers
+//! where [`Need`](crate::bake::memory::Need) must take the worst.
+
+use super::disk::Files;
+use super::sample::Sample;
+use crate::bake::step::{Scratch, Shared};
+use crate::ids::DirectionId;
+use crate::psf::Psf;
+
+/// Of a process that holds nothing yet: its own data, threads' stacks, the allocator's.
+const EMPTY: u64 = 5 << 19;
+
+/// Bytes of a span, while a PSF is rasterised.
+const SPAN: u64 = 24;
+
+/// Directions whose spans are counted.
+const LOOKS: usize = 16;
+
+/// Bytes of pages when each is read once: all unshot maps of the generation that has most, and the
+/// maps of what arrived that are in use or wait to be.
+pub fn all_pages(files: &Files, threads: u64) -> u64 {
+    let of = |g: &super::rehearsal::Generation| {
+        files.directions() as f64 * g.unshot + (3 * threads + 4) as f64 * g.arrived
+    };
+    files.maps.iter().map(of).fold(0.0, f64::max) as u64
+}
+
+/// What the allocator keeps of so many bytes of pages that were given back. Threads that read take them
+/// from arenas of their own, and from cycle to cycle more of these have been full once. Measured with
+/// the GNU C library, where chance makes it anything from nothing to twice as much.
+fn kept(pages: u64, cycles: u32) -> u64 {
+    let filled = ((f64::from(cycles) - 4.0) / 6.0).clamp(0.0, 1.0);
+    let pages = pages as f64;
+    let most = 0.6 * pages + (0.7 * pages).min(f64::from(4 << 20));
+    // The first of it is part of [`EMPTY`].
+    ((filled * most) as u64).saturating_sub(1 << 19)
+}
+
+/// Most bytes that the process will hold, with so many of pages, in so many cycles.
+pub fn peak(shared: &Shared, sample: &Sample, threads: u64, (pages, cycles): (u64, u32)) -> u64 {
+    let texels = shared.texels.len() as u64;
+    let values = 2 * texels;
+    let cells = u64::from(shared.parameters.resolution).pow(2);
+    let surfaces = &shared.scene.surfaces;
+    let corners: u64 =
+        surfaces.iter().flat_map(|s| &s.polygons).map(|p| p.vertices.len() as u64).sum();
+    // Corners stand in the scene, in its outlines, and projected with each thread.
+    let scene = 250 * surfaces.len() as u64 + 24 * corners;
+    // Texels' surfaces and areas, and sealed values.
+    let lasting = EMPTY + scene + 8 * texels + values / 8 + 40 * shared.directions.len() as u64;
+    let layers = 4 * cells
+        + 8 * sample.most.fragments
+        + SPAN * spans(shared)
+        + 84 * surfaces.len() as u64
+        + 12 * corners;
+
+    // Sets that exchange light: one a thread, then all of them with their roots.
+    let reach = threads * (layers + 5 * values) + 5 * values + texels;
+    let (unshot, arrived) =
+        sample.generations.last().map_or((0, 0), |g| (g.unshot as u64, g.arrived as u64));
+    let mirrors = texels - u64::from(shared.texels.diffuse);
+    let scratch = layers + 2 * (unshot + arrived) + mirrors * Scratch::A_MIRROR;
+    let excerpts = if mirrors > 0 { sample.most.excerpts } else { 0 };
+    let propagating = 32 * values * (1 + threads) + threads * (scratch + excerpts) + pages;
+    let totals = 12 * values + threads * (layers + 2 * sample.largest);
+    lasting + reach.max(propagating + kept(pages, cycles)).max(totals)
+}
+
+/// Most spans of any of some directions: rows that polygons reach over.
+fn spans(shared: &Shared) -> u64 {
+    let resolution = shared.parameters.resolution;
+    let count = shared.directions.len();
+    let polygons = || shared.scene.surfaces.iter().flat_map(|s| &s.polygons);
+    let of = |id: DirectionId| {
+        let psf = Psf::new(shared.directions.vector(id), resolution);
+        let rows = |vertices: &[glam::Vec3]| {
+            let y = vertices.iter().map(|v| psf.project(*v).y);
+            let (low, high) = y.fold((f32::MAX, f32::MIN), |(l, h), y| (l.min(y), h.max(y)));
+            f64::from(high - low)
+        };
+        polygons().map(|p| rows(&p.vertices)).sum::<f64>() as u64
+    };
+    let chosen = (0..count.min(LOOKS)).map(|k| DirectionId((k * count / count.min(LOOKS)) as u32));
+    chosen.map(of).max().unwrap_or(0)
+}
