@@ -4,10 +4,9 @@ use super::FieldError;
 use super::storage::disk::Disk;
 use super::storage::{Input, Storage};
 use crate::format::container::{
-    self, ALIGN, ChunkEntry, ChunkKind, Codec, Directory, FileKind, Header, chunk_hasher,
+    self, ALIGN, ChunkEntry, ChunkHasher, ChunkKind, Codec, Directory, FileKind, Header,
 };
 use crate::format::{Fault, FormatError, room_for};
-use std::hash::Hasher;
 use std::path::{Path, PathBuf};
 
 /// Bytes that are read at once where a chunk comes in blocks; a multiple of everything's size.
@@ -102,7 +101,7 @@ impl Opened {
     /// When the padding behind it is damaged, there is no memory for it, or the system refuses.
     pub fn stored(&mut self, entry: &ChunkEntry) -> Result<Vec<u8>, FieldError> {
         let length = entry.stored as usize + entry.padding();
-        let name = || format!("{:?} of direction {}", entry.id.kind, entry.id.direction);
+        let name = || entry.id.to_string();
         let mut stored = room_for(length as u64, name).map_err(|f| self.fault(f))?;
         stored.resize(length, 0);
         self.read(entry.offset, &mut stored)?;
@@ -124,7 +123,7 @@ impl Opened {
         if entry.codec != Codec::Raw {
             return Err(self.fault(Fault::invalid(format!("{:?} is not raw", entry.id.kind))));
         }
-        let mut hasher = chunk_hasher(&self.directory.header.field, entry.id);
+        let mut hasher = ChunkHasher::new(&self.directory.header.field, entry.id);
         let mut block = vec![0; BLOCK.min(entry.stored as usize)];
         let (mut at, end) = (entry.offset, entry.offset + entry.stored);
         let mut liked = Ok(());
@@ -139,7 +138,7 @@ impl Opened {
             at += length as u64;
         }
         if hasher.finish() != entry.hash {
-            let what = format!("{:?} of direction {}", entry.id.kind, entry.id.direction);
+            let what = entry.id.to_string();
             return Err(self.fault(Fault::Checksum { what, offset: entry.offset }));
         }
         let mut padding = [0; ALIGN];

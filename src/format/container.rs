@@ -142,6 +142,15 @@ pub struct ChunkId {
     pub direction: u32,
 }
 
+impl std::fmt::Display for ChunkId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.direction {
+            NO_DIRECTION => write!(f, "{:?}", self.kind),
+            direction => write!(f, "{:?} of direction {direction}", self.kind),
+        }
+    }
+}
+
 /// A directory entry, checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkEntry {
@@ -188,8 +197,25 @@ fn chunk_hash(field: &FieldId, id: ChunkId, stored: &[u8]) -> u64 {
 }
 
 /// The same for bytes that come in blocks.
-pub fn chunk_hasher(field: &FieldId, id: ChunkId) -> XxHash3_64 {
-    XxHash3_64::with_seed(chunk_seed(field, id))
+pub struct ChunkHasher(XxHash3_64);
+
+impl ChunkHasher {
+    /// For a chunk at a place.
+    pub fn new(field: &FieldId, id: ChunkId) -> ChunkHasher {
+        ChunkHasher(XxHash3_64::with_seed(chunk_seed(field, id)))
+    }
+
+    /// Takes the next block.
+    pub fn write(&mut self, block: &[u8]) {
+        if !cfg!(vlf_unhashed) {
+            self.0.write(block);
+        }
+    }
+
+    /// The hash of all blocks.
+    pub fn finish(&self) -> u64 {
+        if cfg!(vlf_unhashed) { 0 } else { self.0.finish() }
+    }
 }
 
 /// Encodes bytes with a codec.
@@ -212,7 +238,7 @@ pub fn decode<'a>(
     entry: &ChunkEntry,
     stored: &'a [u8],
 ) -> Result<Cow<'a, [u8]>, Fault> {
-    let name = || format!("{:?} of direction {}", entry.id.kind, entry.id.direction);
+    let name = || entry.id.to_string();
     if stored.len() as u64 != entry.stored || chunk_hash(field, entry.id, stored) != entry.hash {
         return Err(Fault::Checksum { what: name(), offset: entry.offset });
     }
@@ -470,9 +496,7 @@ impl ChunkEntry {
         if padding.iter().all(|b| *b == 0) {
             return Ok(());
         }
-        let ChunkId { kind, direction, .. } = self.id;
-        let name = format!("{kind:?} of direction {direction}");
-        Err(Fault::invalid(format!("{name}: the padding behind it is not zero")))
+        Err(Fault::invalid(format!("{}: the padding behind it is not zero", self.id)))
     }
 
     /// Checks that the chunk is in its file and behind the one before it.
@@ -583,7 +607,7 @@ impl Directory {
         self.entries
             .iter()
             .find(|e| e.id.kind == kind && e.id.direction == direction)
-            .ok_or_else(|| Fault::Missing(format!("{kind:?} of direction {direction}")))
+            .ok_or_else(|| Fault::Missing(ChunkId { kind, cycle: 0, direction }.to_string()))
     }
 
     /// Verifies and decodes a chunk of a file that is in memory or mapped, as a whole or up to the
@@ -672,7 +696,7 @@ impl<W: Write + Seek> ContainerWriter<W> {
         blocks: impl IntoIterator<Item = impl AsRef<[u8]>>,
     ) -> io::Result<()> {
         let offset = self.begin_chunk()?;
-        let mut hasher = chunk_hasher(&self.header.field, id);
+        let mut hasher = ChunkHasher::new(&self.header.field, id);
         for block in blocks {
             let block = block.as_ref();
             hasher.write(block);

@@ -193,7 +193,7 @@ impl Place {
             direction: direction.or(self.direction),
             offset: Some(entry.offset),
             file: self.file.clone(),
-            named: format!("{:?} of direction {}: ", entry.id.kind, entry.id.direction),
+            named: format!("{}: ", entry.id),
         }
     }
 
