@@ -86,7 +86,7 @@ const DAMAGED: [Damage; 20] = [
         name: "flipped-bit-in-frame.vlf",
         from: "zstd.vlf",
         make: |b| edited(b, |b| *chunk_of(b, ChunkKind::Scene).last_mut().unwrap() ^= 1),
-        fault: |f| matches!(f, Fault::Checksum { what, .. } if what.starts_with("Scene of")),
+        fault: |f| matches!(f, Fault::Checksum { what, .. } if what == "Scene"),
     },
     Damage {
         name: "truncated.tiles",
