@@ -82,8 +82,8 @@ fn in_words(p: &Plan, free: Option<u64>, auto: bool) -> anyhow::Result<String> {
     line("memory, really used", size(m.peak), "")?;
     line("cycles", p.cycles.to_string(), if auto { "expected" } else { "" })?;
     let note = match p.time.threads {
-        1 => "on 1 thread".to_owned(),
-        n => format!("on {n} threads"),
+        1 => "on 1 thread, if the disk keeps up".to_owned(),
+        n => format!("on {n} threads, if the disk keeps up"),
     };
     line("time", format!("{:.1} s", p.time.seconds), &note)?;
     line("  before the first cycle", format!("{:.1} s", p.time.beginning), "")?;

@@ -27,7 +27,8 @@ pub fn all_pages(files: &Files, threads: u64) -> u64 {
 
 /// What the allocator keeps of so many bytes of pages that were given back. Threads that read take them
 /// from arenas of their own, and from cycle to cycle more of these have been full once. Measured with
-/// the GNU C library, where chance makes it anything from nothing to twice as much.
+/// the GNU C library, where chance makes it anything from nothing to twice as much, and more when pages are
+/// read again and again because little was granted.
 fn kept(pages: u64, cycles: u32) -> u64 {
     let filled = ((f64::from(cycles) - 4.0) / 6.0).clamp(0.0, 1.0);
     let pages = pages as f64;

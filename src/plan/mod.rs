@@ -45,7 +45,7 @@ pub struct Plan {
     pub disk: Bytes,
     /// Bytes in memory.
     pub memory: Memory,
-    /// Seconds on this machine, if it is as busy then as it was now.
+    /// Seconds on this machine, if it is as busy then as it was now and the disk keeps up.
     pub time: Time,
     /// How it was found out.
     pub effort: Effort,

@@ -33,6 +33,9 @@ const A_BYTE: f64 = 7e-9;
 const A_LOOK: f64 = 7e-7;
 const NEAR: f64 = 6e6;
 
+/// Seconds of a processor that a page takes more to be read again from a file than from memory.
+const A_READ: f64 = 1.3e-5;
+
 /// What a rehearsal showed.
 pub struct Rehearsal {
     /// Its lines.
@@ -373,14 +376,16 @@ impl Rehearsal {
         (*last - *first).map(|s| s / between as f64)
     }
 
-    /// What the mirrors' looks into pages take in a cycle more than in the rehearsal.
+    /// What the mirrors' looks into pages take in a cycle more than in the rehearsal, which had as much
+    /// less room for pages as it had less of them.
     fn looks(&self, directions: f64, pages: u64) -> Moment {
         let cache = &self.manifest.statistics.cache;
         let cycles = f64::from(self.manifest.cycle.max(2) - 1);
-        let looks =
-            (cache.hits + cache.misses) as f64 / cycles * directions / f64::from(self.lines);
+        let of_all = |count: u64| count as f64 / cycles * directions / f64::from(self.lines);
+        let (looks, reads) = (of_all(cache.hits + cache.misses), of_all(cache.redundant));
         let far = |pages: f64| 1.0 - (NEAR / pages.max(1.0)).min(1.0);
-        let processor = looks * A_LOOK * (far(pages as f64) - far(cache.peak as f64)).max(0.0);
+        let farther = (far(pages as f64) - far(cache.peak as f64)).max(0.0);
+        let processor = looks * A_LOOK * farther + reads * A_READ;
         Moment([processor / f64::from(self.threads), processor])
     }
 
