@@ -1,10 +1,10 @@
 //! What a bake will take, before it is begun: bytes on disk and in memory, seconds, cycles.
 //!
-//! In: what the bake would be given. Out: a [`Plan`]. Two things are done. [`rehearsal`] is the same
+//! In: what the bake would be given. Out: a [`Plan`]. Two things are done. `rehearsal` is the same
 //! bake with fewer lines, in memory, on the same threads: it shows the number of cycles, the seconds
 //! that a direction takes in each, which sides are lit, and how much of the mirrors' maps is. What the
-//! few lines cannot show, because the axes have too large a part in them, comes from [`sample`]: total
-//! maps of some of the real lines. [`memory`] and [`disk`] follow from the two by counting.
+//! few lines cannot show, because the axes have too large a part in them, comes from `sample`: total
+//! maps of some of the real lines. `memory` and `disk` follow from the two by counting.
 //! Nothing is written anywhere.
 
 mod disk;
