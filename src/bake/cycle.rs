@@ -5,7 +5,6 @@
 //! hold, and any interruption costs at most the time since the last commit.
 
 use super::ahead::{Wanted, ahead};
-use super::cuts::cut_texels;
 use super::layers::{Layers, Outlines};
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::memory::Need;
@@ -117,7 +116,7 @@ impl<'a> Bake<'a> {
     fn reach(&self) -> Sealed {
         let shared = self.shared();
         let values = 2 * self.texels.len();
-        let cut = cut_texels(self.scene, self.texels);
+        let cut = self.texels.met();
         let reach = self.sweep(
             0,
             || Reach::new(values),

@@ -40,6 +40,11 @@ impl Fragment {
         self.0 as u32 >> 1
     }
 
+    /// The same fragment in another texel.
+    fn with_texel(self, texel: u32) -> Fragment {
+        Fragment(self.0 >> 32 << 32 | u64::from((texel << 1) | u32::from(self.faces_along())))
+    }
+
     /// Whether the surface's normal points along the direction.
     pub fn faces_along(self) -> bool {
         self.0 & 1 == 1
@@ -219,6 +224,25 @@ impl Layers {
         for cell in 0..(n * n) as usize {
             let (from, to) = (self.first[cell] as usize, self.first[cell + 1] as usize);
             sort_few(&mut self.fragments[from..to]);
+        }
+    }
+
+    /// Gives the fragments in cut texels the texels that they belong to.
+    pub fn bring_home(&mut self, scene: &Scene, texels: &Texels, psf: &Psf) {
+        let n = self.resolution as usize;
+        for cell in 0..n * n {
+            let (from, to) = (self.first[cell] as usize, self.first[cell + 1] as usize);
+            for fragment in &mut self.fragments[from..to] {
+                if texels.cuts.is_cut(fragment.texel()) {
+                    let (x, y) = ((cell % n) as f32 + 0.5, (cell / n) as f32 + 0.5);
+                    let point = psf.unproject(x, y, fragment.depth());
+                    let id = texels.surface_of[fragment.texel() as usize] as usize;
+                    let (surface, lattice) = (&scene.surfaces[id], &texels.lattices[id]);
+                    let at = surface.coordinates(point) * lattice.density;
+                    let home = texels.cuts.home(lattice, fragment.texel(), at);
+                    *fragment = fragment.with_texel(home);
+                }
+            }
         }
     }
 

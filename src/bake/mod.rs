@@ -11,8 +11,6 @@ pub mod exchange;
 
 pub mod perturb;
 
-pub mod cuts;
-
 pub mod reach;
 
 pub mod transfer;

@@ -1,0 +1,293 @@
+//! Cuts: where other surfaces' polygons pass through a surface, or stand on it.
+//!
+//! In: the scene and its lattices. Out: for each texel the segments that cut it, its *site*, and which
+//! texel a point belongs to. What a texel receives on one side of a cut has nothing to do with what it
+//! receives on the other: under a box that stands on a floor it is dark, beside it light. So a texel
+//! stands for one of its pieces only, that of its site, and the others belong to the nearest texels
+//! whose sites lie on their side, as small cells are merged in cut-cell methods of flow (Ye et al.
+//! 1999). A piece shut in on all sides stays with its texel.
+
+mod meets;
+
+mod near;
+
+mod pieces;
+
+use crate::ids::SurfaceId;
+use crate::scene::texels::Lattice;
+use crate::scene::{Scene, Surface};
+use glam::Vec2;
+use meets::Segment;
+use near::Near;
+use pieces::{Piece, crosses};
+
+/// A segment this near to a texel cuts it as well, as far as sampling can tell. In texels.
+const MARGIN: f32 = 0.05;
+
+/// A segment this near to the border of its lattice has nothing of the surface behind it. In texels.
+const BORDER: f32 = 2e-3;
+
+/// Texels away, along rows and columns, that a point may belong to.
+const REACH: i32 = 2;
+
+/// One bit a texel.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Bits(Vec<u64>);
+
+impl Bits {
+    fn none(count: usize) -> Bits {
+        Bits(vec![0; count.div_ceil(64)])
+    }
+
+    fn has(&self, at: u32) -> bool {
+        self.0[at as usize / 64] >> (at % 64) & 1 == 1
+    }
+
+    fn set(&mut self, at: u32) {
+        self.0[at as usize / 64] |= 1 << (at % 64);
+    }
+}
+
+/// The cuts of all texels of a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Cuts {
+    /// Texels that a segment meets, those on the border of their lattice included.
+    met: Bits,
+    /// Texels with segments that divide their lattice.
+    cut: Bits,
+    /// For each word of `cut` the number of cut texels before it.
+    before: Vec<u32>,
+    /// Texels that are cut, or whose neighbour to the right, below, or both, is.
+    near: Bits,
+    /// For each cut texel where its segments start; one more at the end.
+    starts: Vec<u32>,
+    segments: Vec<Segment>,
+    /// For each cut texel its site, in texels along `u` and `v`.
+    sites: Vec<Vec2>,
+    /// Pieces that belong to another texel: the texel, the other, and the part of its covered area.
+    moved: Vec<(u32, u32, f32)>,
+}
+
+impl Cuts {
+    /// Finds the cuts of a scene's texels. Mirrors have no texels to be cut. O(n log n) in the polygons
+    /// and linear in texels and segments.
+    pub fn new(scene: &Scene, lattices: &[Lattice], count: usize) -> Cuts {
+        let mut cuts =
+            Cuts { met: Bits::none(count), cut: Bits::none(count), near: Bits::none(count), ..Cuts::default() };
+        let near = Near::new(scene);
+        // Texel and segment.
+        let mut pairs: Vec<(u32, Segment)> = Vec::new();
+        let diffuse = |id: &SurfaceId| !scene.material_of(*id).reflectance.is_mirror();
+        let all = || scene.surface_ids().filter(diffuse);
+        for id in all() {
+            let lattice = &lattices[id.index()];
+            for segment in meets::segments(&near, id, scene.surface(id), lattice) {
+                let divides = divides(segment, lattice);
+                meets::along(segment, lattice, MARGIN, &mut |column, row| {
+                    let texel = lattice.first + row * lattice.width + column;
+                    cuts.met.set(texel);
+                    if divides {
+                        pairs.push((texel, segment));
+                    }
+                });
+            }
+        }
+        pairs.sort_by_key(|p| p.0);
+        cuts.index(&pairs);
+        for id in all() {
+            cuts.mark_near(&lattices[id.index()]);
+            cuts.settle(scene.surface(id), &lattices[id.index()]);
+        }
+        cuts
+    }
+
+    /// Puts segments down by texel. `pairs` is in the texels' order.
+    fn index(&mut self, pairs: &[(u32, Segment)]) {
+        for of_texel in pairs.chunk_by(|a, b| a.0 == b.0) {
+            self.cut.set(of_texel[0].0);
+            self.starts.push(self.segments.len() as u32);
+            self.segments.extend(of_texel.iter().map(|p| p.1));
+        }
+        self.starts.push(self.segments.len() as u32);
+        let mut before = 0;
+        for word in &self.cut.0 {
+            self.before.push(before);
+            before += word.count_ones();
+        }
+    }
+
+    fn mark_near(&mut self, lattice: &Lattice) {
+        let Lattice { first, width, height, .. } = *lattice;
+        for texel in first..first + width * height {
+            let (column, row) = ((texel - first) % width, (texel - first) / width);
+            let (right, below) = (u32::from(column + 1 < width), u32::from(row + 1 < height) * width);
+            let block = [texel, texel + right, texel + below, texel + right + below];
+            if block.iter().any(|t| self.cut.has(*t)) {
+                self.near.set(texel);
+            }
+        }
+    }
+
+    /// Chooses the sites of a surface's cut texels, and says where their other pieces go.
+    fn settle(&mut self, surface: &Surface, lattice: &Lattice) {
+        let from = self.sites.len();
+        let end = lattice.first + lattice.width * lattice.height;
+        let cut: Vec<u32> = (lattice.first..end).filter(|t| self.cut.has(*t)).collect();
+        let mut covered = vec![0; cut.len()];
+        let index = |column, row| {
+            let texel = lattice.first + row * lattice.width + column;
+            self.rank(texel).map(|k| k - from)
+        };
+        if !cut.is_empty() {
+            pieces::cover(surface, lattice, &index, &mut covered);
+        }
+        let corner = |texel| middle(lattice, texel) - 0.5;
+        let mut rests: Vec<(u32, Piece, f32)> = Vec::new();
+        for (texel, covered) in cut.iter().zip(&covered) {
+            let own = self.segments_of(*texel);
+            let mut pieces = pieces::pieces(*covered, corner(*texel), own);
+            let corner = corner(*texel);
+            pieces.iter_mut().for_each(|p| p.site += corner);
+            // The one that cannot go elsewhere, or else the largest.
+            let can_go = |p: &Piece| self.whole_neighbour(lattice, *texel, p.site);
+            let chosen = (0..pieces.len())
+                .max_by_key(|k| (!can_go(&pieces[*k]), pieces[*k].points, usize::MAX - k));
+            let middle = middle(lattice, *texel);
+            let Some(chosen) = chosen else {
+                self.sites.push(middle);
+                continue;
+            };
+            let site = pieces[chosen].site;
+            let centred = !own.iter().any(|s| crosses(s, site, middle) || grazes(s, middle));
+            self.sites.push(if centred { middle } else { site });
+            let part = 1.0 / covered.count_ones() as f32;
+            pieces.remove(chosen);
+            rests.extend(pieces.iter().map(|p| (*texel, *p, p.points as f32 * part)));
+        }
+        for (texel, piece, part) in rests {
+            let home = self.home(lattice, texel, piece.site);
+            if home != texel {
+                self.moved.push((texel, home, part));
+            }
+        }
+    }
+
+    /// Whether a piece of a texel can belong to an uncut texel.
+    fn whole_neighbour(&self, lattice: &Lattice, texel: u32, point: Vec2) -> bool {
+        around(lattice, texel, REACH).any(|other| {
+            !self.cut.has(other) && !self.is_crossed(lattice, point, middle(lattice, other))
+        })
+    }
+
+    /// The number of a cut texel among the cut ones.
+    fn rank(&self, texel: u32) -> Option<usize> {
+        let (word, bit) = (texel as usize / 64, texel % 64);
+        let bits = self.cut.0[word];
+        let below = (bits & ((1 << bit) - 1)).count_ones();
+        (bits >> bit & 1 == 1).then(|| (self.before[word] + below) as usize)
+    }
+
+    fn segments_of(&self, texel: u32) -> &[Segment] {
+        self.rank(texel).map_or(&[], |k| {
+            &self.segments[self.starts[k] as usize..self.starts[k + 1] as usize]
+        })
+    }
+
+    /// Whether another polygon meets a texel, be it along the border of its lattice.
+    pub fn is_met(&self, texel: u32) -> bool {
+        self.met.has(texel)
+    }
+
+    /// Whether a texel is divided.
+    pub fn is_cut(&self, texel: u32) -> bool {
+        self.cut.has(texel)
+    }
+
+    /// Whether a texel is divided, or its neighbour to the right, below, or both.
+    pub fn is_near(&self, texel: u32) -> bool {
+        self.near.has(texel)
+    }
+
+    /// The point of a texel for which its value stands: its middle, or one in the piece that it keeps.
+    /// In texels along `u` and `v`.
+    pub fn site(&self, lattice: &Lattice, texel: u32) -> Vec2 {
+        self.rank(texel).map_or_else(|| middle(lattice, texel), |k| self.sites[k])
+    }
+
+    /// Whether a segment parts two points of a lattice, given in texels along `u` and `v`.
+    pub fn is_crossed(&self, lattice: &Lattice, p: Vec2, q: Vec2) -> bool {
+        let last = Vec2::new((lattice.width - 1) as f32, (lattice.height - 1) as f32);
+        let from = p.min(q).clamp(Vec2::ZERO, last).as_uvec2();
+        let to = p.max(q).clamp(Vec2::ZERO, last).as_uvec2();
+        (from.y..=to.y).any(|row| {
+            let row = lattice.first + row * lattice.width;
+            (row + from.x..=row + to.x)
+                .any(|texel| self.segments_of(texel).iter().any(|s| crosses(s, p, q)))
+        })
+    }
+
+    /// Whether light may be carried over from one texel of a lattice to a neighbour.
+    pub fn are_joined(&self, lattice: &Lattice, a: u32, b: u32) -> bool {
+        !self.is_crossed(lattice, self.site(lattice, a), self.site(lattice, b))
+    }
+
+    /// The texel to which a point of a lattice belongs that lies in `texel`: the nearest whose site no
+    /// segment parts from it. In texels along `u` and `v`.
+    pub fn home(&self, lattice: &Lattice, texel: u32, point: Vec2) -> u32 {
+        let sees = |t: u32| !self.is_crossed(lattice, point, self.site(lattice, t));
+        if !self.is_cut(texel) || sees(texel) {
+            return texel;
+        }
+        for reach in 1..=REACH {
+            let off = |t: u32| self.site(lattice, t).distance_squared(point);
+            let seen = around(lattice, texel, reach).filter(|t| sees(*t));
+            if let Some(home) = seen.min_by(|a, b| off(*a).total_cmp(&off(*b))) {
+                return home;
+            }
+        }
+        texel
+    }
+
+    /// Moves the areas of pieces, one a texel, to the texels that they belong to.
+    pub fn move_areas(&self, areas: &mut [f32]) {
+        let own: Vec<f32> = self.moved.iter().map(|m| areas[m.0 as usize] * m.2).collect();
+        for ((from, to, _), area) in self.moved.iter().zip(own) {
+            areas[*from as usize] -= area;
+            areas[*to as usize] += area;
+        }
+    }
+}
+
+/// The middle of a texel, in texels along `u` and `v`.
+fn middle(lattice: &Lattice, texel: u32) -> Vec2 {
+    let at = texel - lattice.first;
+    Vec2::new((at % lattice.width) as f32 + 0.5, (at / lattice.width) as f32 + 0.5)
+}
+
+/// The texels of a lattice at most `reach` away from one along rows and columns, without itself.
+fn around(lattice: &Lattice, texel: u32, reach: i32) -> impl Iterator<Item = u32> {
+    let Lattice { first, width, height, .. } = *lattice;
+    let reach = reach as u32;
+    let (column, row) = ((texel - first) % width, (texel - first) / width);
+    let rows = row.saturating_sub(reach)..(row + reach + 1).min(height);
+    let columns = column.saturating_sub(reach)..(column + reach + 1).min(width);
+    rows.flat_map(move |r| columns.clone().map(move |c| first + r * width + c))
+        .filter(move |other| *other != texel)
+}
+
+/// Whether a segment parts anything of a lattice: it does not if it runs along the border.
+fn divides([a, b]: Segment, lattice: &Lattice) -> bool {
+    let (width, height) = (lattice.width as f32, lattice.height as f32);
+    let (low, high) = (a.min(b), a.max(b));
+    high.x > BORDER && low.x < width - BORDER && high.y > BORDER && low.y < height - BORDER
+}
+
+/// Whether a point lies on a segment, as far as rounding can tell.
+fn grazes([a, b]: &Segment, p: Vec2) -> bool {
+    let along = *b - *a;
+    let t = ((p - *a).dot(along) / along.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+    (*a + along * t).distance(p) < MARGIN
+}
+
+#[cfg(test)]
+mod tests;
