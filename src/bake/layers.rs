@@ -5,6 +5,7 @@
 //! its span is filled. A cell holds a polygon when its middle lies inside; rows and spans are half
 //! open, so that polygons that share an edge share no cell and leave none out. O(fragments).
 
+use super::homes::Homes;
 use crate::format::limits;
 use crate::ids::Sense;
 use crate::psf::Psf;
@@ -74,6 +75,7 @@ pub struct Outlines {
     surfaces: Vec<Plane>,
     polygons: Vec<Outline>,
     vertices: Vec<Vec3>,
+    homes: Homes,
 }
 
 /// Where a surface lies and how its texels lie on it.
@@ -97,7 +99,12 @@ struct Outline {
 impl Outlines {
     /// Lays the scene's polygons out.
     pub fn new(scene: &Scene, texels: &Texels) -> Outlines {
-        let mut out = Outlines { surfaces: Vec::new(), polygons: Vec::new(), vertices: Vec::new() };
+        let mut out = Outlines {
+            surfaces: Vec::new(),
+            polygons: Vec::new(),
+            vertices: Vec::new(),
+            homes: Homes::new(scene, texels),
+        };
         for (surface, lattice) in scene.surfaces.iter().zip(&texels.lattices) {
             let from = out.polygons.len() as u32;
             for polygon in &surface.polygons {
@@ -228,19 +235,19 @@ impl Layers {
     }
 
     /// Gives the fragments in cut texels the texels that they belong to.
-    pub fn bring_home(&mut self, scene: &Scene, texels: &Texels, psf: &Psf) {
+    pub fn bring_home(&mut self, outlines: &Outlines, scene: &Scene, texels: &Texels, psf: &Psf) {
         let n = self.resolution as usize;
         for cell in 0..n * n {
             let (from, to) = (self.first[cell] as usize, self.first[cell + 1] as usize);
             for fragment in &mut self.fragments[from..to] {
-                if texels.cuts.is_cut(fragment.texel()) {
+                let texel = fragment.texel();
+                if texels.cuts.is_cut(texel) {
                     let (x, y) = ((cell % n) as f32 + 0.5, (cell / n) as f32 + 0.5);
                     let point = psf.unproject(x, y, fragment.depth());
-                    let id = texels.surface_of[fragment.texel() as usize] as usize;
+                    let id = texels.surface_of[texel as usize] as usize;
                     let (surface, lattice) = (&scene.surfaces[id], &texels.lattices[id]);
                     let at = surface.coordinates(point) * lattice.density;
-                    let home = texels.cuts.home(lattice, fragment.texel(), at);
-                    *fragment = fragment.with_texel(home);
+                    *fragment = fragment.with_texel(outlines.homes.of(texels, lattice, texel, at));
                 }
             }
         }

@@ -167,7 +167,7 @@ pub fn shoot(
     for number in 0..cycle.perturbations {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
         scratch.layers.rasterise(shared.outlines, &psf);
-        scratch.layers.bring_home(shared.scene, shared.texels, &psf);
+        scratch.layers.bring_home(shared.outlines, shared.scene, shared.texels, &psf);
         let line = Line { shared, cycle, psf: &psf, is_true: number == 0 };
         let maps = match shared.directions.shares(id) {
             2 => line.shoot::<2>(id, scratch)?,

@@ -24,11 +24,11 @@ use pieces::{Piece, crosses};
 /// A segment this near to a texel cuts it as well, as far as sampling can tell. In texels.
 const MARGIN: f32 = 0.05;
 
-/// A segment this near to the border of its lattice has nothing of the surface behind it. In texels.
+/// A segment this near to the border of its surface has nothing of it behind it. In texels.
 const BORDER: f32 = 2e-3;
 
 /// Texels away, along rows and columns, that a point may belong to.
-const REACH: i32 = 2;
+pub const REACH: i32 = 2;
 
 /// One bit a texel.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -72,8 +72,12 @@ impl Cuts {
     /// Finds the cuts of a scene's texels. Mirrors have no texels to be cut. O(n log n) in the polygons
     /// and linear in texels and segments.
     pub fn new(scene: &Scene, lattices: &[Lattice], count: usize) -> Cuts {
-        let mut cuts =
-            Cuts { met: Bits::none(count), cut: Bits::none(count), near: Bits::none(count), ..Cuts::default() };
+        let mut cuts = Cuts {
+            met: Bits::none(count),
+            cut: Bits::none(count),
+            near: Bits::none(count),
+            ..Cuts::default()
+        };
         let near = Near::new(scene);
         // Texel and segment.
         let mut pairs: Vec<(u32, Segment)> = Vec::new();
@@ -81,8 +85,9 @@ impl Cuts {
         let all = || scene.surface_ids().filter(diffuse);
         for id in all() {
             let lattice = &lattices[id.index()];
+            let hull = hull(scene.surface(id), lattice);
             for segment in meets::segments(&near, id, scene.surface(id), lattice) {
-                let divides = divides(segment, lattice);
+                let divides = divides(segment, &hull);
                 meets::along(segment, lattice, MARGIN, &mut |column, row| {
                     let texel = lattice.first + row * lattice.width + column;
                     cuts.met.set(texel);
@@ -120,7 +125,8 @@ impl Cuts {
         let Lattice { first, width, height, .. } = *lattice;
         for texel in first..first + width * height {
             let (column, row) = ((texel - first) % width, (texel - first) / width);
-            let (right, below) = (u32::from(column + 1 < width), u32::from(row + 1 < height) * width);
+            let (right, below) =
+                (u32::from(column + 1 < width), u32::from(row + 1 < height) * width);
             let block = [texel, texel + right, texel + below, texel + right + below];
             if block.iter().any(|t| self.cut.has(*t)) {
                 self.near.set(texel);
@@ -179,8 +185,33 @@ impl Cuts {
         })
     }
 
+    /// How many texels are cut.
+    pub fn len(&self) -> usize {
+        self.sites.len()
+    }
+
+    /// Whether none is.
+    pub fn is_empty(&self) -> bool {
+        self.sites.is_empty()
+    }
+
+    /// Whether a segment meets a square within a cut texel, given by its middle and half its edge, in
+    /// texels along `u` and `v`.
+    pub fn divide(&self, texel: u32, middle: Vec2, half: f32) -> bool {
+        let meets = |[a, b]: &Segment| {
+            let (low, high) = (a.min(*b), a.max(*b));
+            // Separating axes: the square's, and the segment's normal.
+            let along = *b - *a;
+            let off = along.perp_dot(middle - *a).abs();
+            (low - half).cmple(middle).all()
+                && (high + half).cmpge(middle).all()
+                && off <= half * (along.x.abs() + along.y.abs())
+        };
+        self.segments_of(texel).iter().any(meets)
+    }
+
     /// The number of a cut texel among the cut ones.
-    fn rank(&self, texel: u32) -> Option<usize> {
+    pub fn rank(&self, texel: u32) -> Option<usize> {
         let (word, bit) = (texel as usize / 64, texel % 64);
         let bits = self.cut.0[word];
         let below = (bits & ((1 << bit) - 1)).count_ones();
@@ -188,9 +219,8 @@ impl Cuts {
     }
 
     fn segments_of(&self, texel: u32) -> &[Segment] {
-        self.rank(texel).map_or(&[], |k| {
-            &self.segments[self.starts[k] as usize..self.starts[k + 1] as usize]
-        })
+        self.rank(texel)
+            .map_or(&[], |k| &self.segments[self.starts[k] as usize..self.starts[k + 1] as usize])
     }
 
     /// Whether another polygon meets a texel, be it along the border of its lattice.
@@ -275,11 +305,40 @@ fn around(lattice: &Lattice, texel: u32, reach: i32) -> impl Iterator<Item = u32
         .filter(move |other| *other != texel)
 }
 
-/// Whether a segment parts anything of a lattice: it does not if it runs along the border.
-fn divides([a, b]: Segment, lattice: &Lattice) -> bool {
-    let (width, height) = (lattice.width as f32, lattice.height as f32);
-    let (low, high) = (a.min(b), a.max(b));
-    high.x > BORDER && low.x < width - BORDER && high.y > BORDER && low.y < height - BORDER
+/// The convex hull of a surface, counter-clockwise, in texels along `u` and `v` (Andrew 1979).
+fn hull(surface: &Surface, lattice: &Lattice) -> Vec<Vec2> {
+    let corners = surface.polygons.iter().flat_map(|p| &p.vertices);
+    let mut points: Vec<Vec2> =
+        corners.map(|v| surface.coordinates(*v) * lattice.density).collect();
+    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    let half = |points: &mut dyn Iterator<Item = Vec2>| {
+        let mut chain: Vec<Vec2> = Vec::new();
+        for p in points {
+            while let [.., a, b] = chain[..] {
+                if (b - a).perp_dot(p - b) > 0.0 {
+                    break;
+                }
+                chain.pop();
+            }
+            chain.push(p);
+        }
+        chain.pop();
+        chain
+    };
+    let mut hull = half(&mut points.iter().copied());
+    hull.extend(half(&mut points.iter().rev().copied()));
+    hull
+}
+
+/// Whether a segment parts anything of a surface: it does not if it runs outside its hull.
+fn divides(segment: Segment, hull: &[Vec2]) -> bool {
+    let mut before = hull.last().copied().unwrap_or_default();
+    hull.iter().all(|corner| {
+        let edge = (*corner - before).normalize_or_zero();
+        let inside = segment.iter().any(|end| edge.perp_dot(*end - before) > BORDER);
+        before = *corner;
+        inside
+    })
 }
 
 /// Whether a point lies on a segment, as far as rounding can tell.

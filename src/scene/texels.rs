@@ -191,8 +191,7 @@ pub fn sample(
         let lower = value(block[2]) * (1.0 - f.x) + value(block[3]) * f.x;
         return upper * (1.0 - f.y) + lower * f.y;
     }
-    let weights =
-        [(1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y];
+    let weights = [(1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y];
     let (mut sum, mut weight) = (Rgb::BLACK, 0.0);
     for (texel, w) in block.into_iter().zip(weights) {
         let is_seen = || !texels.cuts.is_crossed(lattice, at, texels.cuts.site(lattice, texel));

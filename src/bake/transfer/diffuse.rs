@@ -78,13 +78,7 @@ struct Filtered {
 }
 
 impl Filtered {
-    fn new(
-        on: Lain,
-        side: usize,
-        sums: &[Fixed],
-        quantum: Quantum,
-        passes: u32,
-    ) -> Filtered {
+    fn new(on: Lain, side: usize, sums: &[Fixed], quantum: Quantum, passes: u32) -> Filtered {
         let lattice = on.lattice;
         let sum = |texel: usize| sums[2 * texel + side];
         let unit = quantum.unit();
@@ -192,8 +186,7 @@ fn fill(on: Lain, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]) {
     while !missing.is_empty() {
         let mut filled = Vec::new();
         missing.retain(|&texel| {
-            let around: Vec<usize> =
-                neighbours(on, texel).filter(|o| known[o - first]).collect();
+            let around: Vec<usize> = neighbours(on, texel).filter(|o| known[o - first]).collect();
             if around.is_empty() {
                 return true;
             }

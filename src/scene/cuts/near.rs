@@ -42,7 +42,13 @@ impl<'a> Near<'a> {
 
     /// Calls `visit` with the polygons of other surfaces whose boxes come within `reach` of a
     /// surface's rectangle and of its plane.
-    pub(super) fn visit(&self, id: SurfaceId, surface: &Surface, reach: f32, visit: &mut dyn FnMut(&'a Polygon)) {
+    pub(super) fn visit(
+        &self,
+        id: SurfaceId,
+        surface: &Surface,
+        reach: f32,
+        visit: &mut dyn FnMut(&'a Polygon),
+    ) {
         let (u, v) = (surface.u * surface.extent.x, surface.v * surface.extent.y);
         let corners = [Vec3::ZERO, u, v, u + v].map(|c| surface.origin + c);
         let low = corners.iter().copied().fold(Vec3::INFINITY, Vec3::min) - reach;
