@@ -393,6 +393,7 @@ mod tests {
     use super::storage::memory::Memory;
     use super::*;
     use crate::format::container::ChunkKind;
+    use crate::format::manifest::Specular;
     use crate::format::tiles::exponent_for;
     use crate::radiance::Rgb;
 
@@ -407,6 +408,9 @@ mod tests {
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
+            specular: Specular::Maps,
+            resample: false,
+            ..Parameters::default()
         }
     }
 

@@ -4,7 +4,7 @@ use super::{Polygon, Scene, Surface};
 use crate::scene::texels::{Lattice, Texels};
 use glam::DVec2;
 
-/// Area of each texel inside its surface, with the pieces of others that belong to it, in the fitted scene's units squared; mirrors' one texel has
+/// Area of each texel inside its surface, in the fitted scene's units squared; mirrors' one texel has
 /// the area of the whole surface.
 pub fn areas(scene: &Scene, texels: &Texels) -> Vec<f32> {
     let mut areas = vec![0.0; texels.len()];
@@ -13,7 +13,6 @@ pub fn areas(scene: &Scene, texels: &Texels) -> Vec<f32> {
             add_polygon(surface, lattice, polygon, &mut areas);
         }
     }
-    texels.cuts.move_areas(&mut areas);
     areas
 }
 

@@ -64,8 +64,8 @@ pub struct Cuts {
     segments: Vec<Segment>,
     /// For each cut texel its site, in texels along `u` and `v`.
     sites: Vec<Vec2>,
-    /// Pieces that belong to another texel: the texel, the other, and the part of its covered area.
-    moved: Vec<(u32, u32, f32)>,
+    /// For each cut texel which points of a grid its surface covers.
+    covered: Vec<u64>,
 }
 
 impl Cuts {
@@ -134,7 +134,7 @@ impl Cuts {
         }
     }
 
-    /// Chooses the sites of a surface's cut texels, and says where their other pieces go.
+    /// Chooses the sites of a surface's cut texels.
     fn settle(&mut self, surface: &Surface, lattice: &Lattice) {
         let from = self.sites.len();
         let end = lattice.first + lattice.width * lattice.height;
@@ -148,7 +148,6 @@ impl Cuts {
             pieces::cover(surface, lattice, &index, &mut covered);
         }
         let corner = |texel| middle(lattice, texel) - 0.5;
-        let mut rests: Vec<(u32, Piece, f32)> = Vec::new();
         for (texel, covered) in cut.iter().zip(&covered) {
             let own = self.segments_of(*texel);
             let mut pieces = pieces::pieces(*covered, corner(*texel), own);
@@ -166,16 +165,8 @@ impl Cuts {
             let site = pieces[chosen].site;
             let centred = !own.iter().any(|s| crosses(s, site, middle) || grazes(s, middle));
             self.sites.push(if centred { middle } else { site });
-            let part = 1.0 / covered.count_ones() as f32;
-            pieces.remove(chosen);
-            rests.extend(pieces.iter().map(|p| (*texel, *p, p.points as f32 * part)));
         }
-        for (texel, piece, part) in rests {
-            let home = self.home(lattice, texel, piece.site);
-            if home != texel {
-                self.moved.push((texel, home, part));
-            }
-        }
+        self.covered.extend(covered);
     }
 
     /// Whether a piece of a texel can belong to an uncut texel.
@@ -278,13 +269,10 @@ impl Cuts {
         texel
     }
 
-    /// Moves the areas of pieces, one a texel, to the texels that they belong to.
-    pub fn move_areas(&self, areas: &mut [f32]) {
-        let own: Vec<f32> = self.moved.iter().map(|m| areas[m.0 as usize] * m.2).collect();
-        for ((from, to, _), area) in self.moved.iter().zip(own) {
-            areas[*from as usize] -= area;
-            areas[*to as usize] += area;
-        }
+    /// Whether the surface covers a point of a cut texel, to an eighth of a texel.
+    pub fn covers(&self, lattice: &Lattice, texel: u32, point: Vec2) -> bool {
+        let inside = point - (middle(lattice, texel) - 0.5);
+        self.rank(texel).is_none_or(|k| pieces::covers(self.covered[k], inside))
     }
 }
 

@@ -68,6 +68,13 @@ pub(super) fn cover(
     }
 }
 
+/// Whether the point of the grid nearest to a place in a texel is covered.
+pub(super) fn covers(covered: u64, inside: Vec2) -> bool {
+    let at =
+        (inside * POINTS as f32).clamp(Vec2::ZERO, Vec2::splat((POINTS - 1) as f32)).as_uvec2();
+    covered >> (at.y as usize * POINTS + at.x as usize) & 1 == 1
+}
+
 /// The pieces of a texel's covered points, the one with the first point first. `corner` is the texel's
 /// own corner.
 pub(super) fn pieces(covered: u64, corner: Vec2, segments: &[Segment]) -> Vec<Piece> {

@@ -82,30 +82,6 @@ fn walls_around_a_surface_do_not_divide_it() {
     assert!(!of_triangle().any(|t| texels.cuts.is_cut(t)));
 }
 
-/// Areas go with the pieces: none is lost, and each side of a wall keeps its own.
-#[test]
-fn each_side_of_a_wall_keeps_its_area() {
-    let at = 0.3;
-    let scene = scene_of(&[floor(), wall((at, 4.0), (at, -4.0))], DMat3::IDENTITY);
-    let texels = texels_of(&scene);
-    let areas = crate::scene::areas::areas(&scene, &texels);
-    let unit = scene.fit.radius.powi(2);
-    let lattice = texels.lattices[0];
-    let cut = scene.surfaces[0].coordinates(scene.fit.to_unit(DVec3::new(at, 0.0, 0.0)));
-    let cut = cut * lattice.density;
-    let normal = scene.surfaces[0].coordinates(scene.fit.to_unit(DVec3::new(at + 1.0, 0.0, 0.0)));
-    let normal = normal * lattice.density - cut;
-    let (mut right, mut all) = (0.0, 0.0);
-    for texel in 0..64 {
-        let area = f64::from(areas[texel as usize]) * unit;
-        all += area;
-        right +=
-            if (texels.cuts.site(&lattice, texel) - cut).dot(normal) > 0.0 { area } else { 0.0 };
-    }
-    assert!((all - 64.0).abs() < 1e-3, "{all}");
-    assert!((right - 8.0 * (4.0 - at)).abs() < 8.0 / 8.0, "{right}");
-}
-
 proptest! {
     /// Two rooms on one floor, light and dark, with a wall between them, or two thinner apart than a
     /// texel: a lookup finds nothing but its own room's light, however the wall and the scene are turned.
