@@ -7,8 +7,11 @@ use crate::bake::step::{Scratch, Shared};
 use crate::ids::DirectionId;
 use crate::psf::Psf;
 
-/// Of a process that holds nothing yet: its own data, threads' stacks, the allocator's.
-const EMPTY: u64 = 5 << 19;
+/// Of a process that holds nothing yet: its own data, threads' stacks, the allocator's. Measured.
+const EMPTY: u64 = 5 << 18;
+
+/// What the allocator keeps for the threads that read mirrors' maps and those that write them. Measured.
+const KEPT: u64 = 5 << 18;
 
 /// Bytes of a span, while a PSF is rasterised.
 const SPAN: u64 = 24;
@@ -49,8 +52,9 @@ pub fn peak(shared: &Shared, sample: &Sample, threads: u64, pages: u64) -> u64 {
         sample.generations.last().map_or((0, 0), |g| (g.unshot as u64, g.arrived as u64));
     let mirrors = texels - u64::from(shared.texels.diffuse);
     let scratch = layers + 2 * (unshot + arrived) + mirrors * Scratch::A_MIRROR;
-    let excerpts = if mirrors > 0 { sample.most.excerpts } else { 0 };
-    let propagating = 32 * values * (1 + threads) + threads * (scratch + excerpts) + pages;
+    let (excerpts, kept) =
+        if shared.stores_mirrors() { (sample.most.excerpts, KEPT) } else { (0, 0) };
+    let propagating = 32 * values * (1 + threads) + threads * (scratch + excerpts) + pages + kept;
     let totals = 12 * values + threads * (layers + 2 * sample.largest);
     lasting + reach.max(propagating).max(totals)
 }
