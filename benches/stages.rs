@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 use vlf::bake::layers::{Layers, Outlines};
 use vlf::bake::reach::Sealed;
 use vlf::bake::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
-use vlf::bake::transfer::clip::{Clip, Ground, Pair, Projection};
+use vlf::bake::transfer::clip::{Clip, Ground, Projection};
 use vlf::bake::transfer::{Fixed, Quantum, add};
 use vlf::bake::{Options, emission, texels, totals};
 use vlf::field::Terms;
@@ -46,6 +46,7 @@ fn parameters(directions: u32, resolution: u32) -> Parameters {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
+        transfer: vlf::Transfer::Sample,
     }
 }
 
@@ -153,7 +154,8 @@ struct Facing {
     projections: [Projection; 2],
     surface_of: Vec<u32>,
     current: Vec<Fixed>,
-    pairs: Vec<Pair>,
+    cells: Vec<Cell>,
+    pairs: Vec<[u32; 2]>,
 }
 
 impl Facing {
@@ -179,10 +181,10 @@ impl Facing {
             };
             2 * (p.first + at(1).min(size[1] - 1) * size[0] + at(0).min(size[0] - 1))
         };
-        let cells = (0..CELLS * CELLS).map(|k| Cell { i: k % CELLS, j: k / CELLS });
-        let pairs = cells
-            .map(|cell| Pair { cell, ends: projections.each_ref().map(|p| value(p, cell)) })
-            .collect();
+        let cells: Vec<Cell> =
+            (0..CELLS * CELLS).map(|k| Cell { i: k % CELLS, j: k / CELLS }).collect();
+        let pair = |cell: &Cell| projections.each_ref().map(|p| value(p, *cell));
+        let pairs = cells.iter().map(pair).collect();
         let mut dice = Dice(1);
         let light = |_| [(); 3].map(|()| ((dice.roll() + 1.0) * 2f32.powi(35)) as i64);
         let fixed =
@@ -191,6 +193,7 @@ impl Facing {
             projections,
             surface_of: (0..2 * count).map(|texel| texel / count).collect(),
             current: (0..4 * count as usize + 1).map(light).map(fixed).collect(),
+            cells,
             pairs,
         }
     }
@@ -201,15 +204,15 @@ impl Facing {
 fn transfer_clipped(bencher: Bencher, texel: f32) {
     let facing = Facing::new(texel);
     let sealed = Sealed::none(facing.current.len());
-    let Facing { projections, surface_of, current, pairs } = &facing;
+    let Facing { projections, surface_of, current, cells, pairs } = &facing;
     let ground = Ground { projections, surface_of, sealed: &sealed };
     let mut clip = Clip::default();
     let mut sums = vec![[0; 4]; current.len()];
-    let ends = pairs.iter().flat_map(|pair| pair.ends.map(|value| (pair.cell, value)));
+    let ends = cells.iter().zip(pairs).flat_map(|(cell, ends)| ends.map(|value| (*cell, value)));
     let overlaps: usize = ends.map(|(cell, value)| clip.taps(cell, value, &ground).len()).sum();
-    bencher
-        .counter(ItemsCount::new(overlaps))
-        .bench_local(|| clip.exchange::<3>(black_box(pairs), &ground, current, &mut sums));
+    bencher.counter(ItemsCount::new(overlaps)).bench_local(|| {
+        clip.exchange::<3, 1>((cells, black_box(pairs)), &ground, current, &mut sums)
+    });
 }
 
 /// The same by the texels under the cells' middles. Counts transfers, two a pair.
@@ -218,7 +221,7 @@ fn transfer_sampled(bencher: Bencher, texel: f32) {
     let Facing { current, pairs, .. } = Facing::new(texel);
     let mut sums = vec![[0; 4]; current.len()];
     bencher.counter(ItemsCount::new(2 * pairs.len())).bench_local(|| {
-        for [near, far] in black_box(&pairs).iter().map(|pair| pair.ends.map(|v| v as usize)) {
+        for [near, far] in black_box(&pairs).iter().map(|ends| ends.map(|v| v as usize)) {
             add::<3>(&mut sums[far], &current[near]);
             add::<3>(&mut sums[near], &current[far]);
         }

@@ -29,6 +29,7 @@
 //!     texel_cells: 1.0,
 //!     filter: 0,
 //!     one_sided: false,
+//!     transfer: vlf::Transfer::Sample,
 //! };
 //! let options = vlf::bake::Options {
 //!     memory: 256 << 20,
@@ -93,7 +94,7 @@ pub use directions::Directions;
 pub use field::FieldError;
 pub use format::FormatError;
 pub use format::container::Codec;
-pub use format::manifest::Parameters;
+pub use format::manifest::{Parameters, Transfer};
 pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SurfaceId, TileId};
 pub use look::image::Picture;
 pub use look::lightfield::{LightField, LookError};

@@ -290,6 +290,7 @@ fn parameters() -> Parameters {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
+        transfer: vlf::Transfer::Sample,
     }
 }
 

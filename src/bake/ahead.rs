@@ -145,6 +145,7 @@ mod tests {
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
+            transfer: crate::format::manifest::Transfer::Sample,
         };
         let texels = crate::bake::texels(&scene, &parameters);
         let directions = Directions::with_lines(2049).unwrap();

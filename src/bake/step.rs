@@ -5,17 +5,18 @@
 //! function of its inputs, so that a step may be done again, in any order, by any thread.
 
 use super::exchange;
-use super::layers::{Fragment, Layers, Outlines};
+use super::layers::{Fragment, Layers, Outlines, projections};
 use super::ledger::{Tally, channels};
 use super::perturb;
 use super::reach::Sealed;
+use super::transfer::clip::{self, Clip, Ground, Projection};
 use super::transfer::specular::MirrorSender;
-use super::transfer::{Fixed, Quantum, add};
+use super::transfer::{Fixed, LINE, Quantum, add};
 use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::Pages;
 use crate::format::container::ChunkKind;
-use crate::format::manifest::Parameters;
+use crate::format::manifest::{Parameters, Transfer};
 use crate::format::tiles::{CoveredCell, TileMapWriter};
 use crate::ids::{Cell, DirectionId, Sense, SurfaceId};
 use crate::psf::Psf;
@@ -81,6 +82,10 @@ pub struct Scratch {
     senders: Vec<Option<MirrorSender>>,
     used_senders: Vec<usize>,
     pairs: Vec<[u32; 2]>,
+    /// For clipping: the cell of each pair, and where cells fall.
+    cells: Vec<Cell>,
+    projections: Vec<Projection>,
+    clip: Clip,
     line: Vec<Fragment>,
     arrived: Vec<[Rgb; 2]>,
     tile: Vec<CoveredCell>,
@@ -110,7 +115,7 @@ pub struct Made {
 }
 
 /// Nothing comes along a line from outside the scene; but it counts as a line.
-pub const FROM_OUTSIDE: Fixed = [0, 0, 0, 1];
+pub const FROM_OUTSIDE: Fixed = [0, 0, 0, LINE];
 
 impl Scratch {
     /// Bytes for each mirror, apart from excerpts.
@@ -123,6 +128,9 @@ impl Scratch {
             layers: Layers::default(),
             sums: vec![[0; 4]; 2 * texels.len() + 1],
             pairs: Vec::new(),
+            cells: Vec::new(),
+            projections: Vec::new(),
+            clip: Clip::default(),
             line: Vec::new(),
             tally: Tally::default(),
             senders: (0..2 * mirrors).map(|_| None).collect(),
@@ -167,6 +175,9 @@ pub fn shoot(
     for number in 0..cycle.perturbations {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
         scratch.layers.rasterise(shared.outlines, &psf);
+        if shared.parameters.transfer == Transfer::Clip {
+            projections(shared.outlines, &psf, &mut scratch.projections);
+        }
         let line = Line { shared, cycle, psf: &psf, is_true: number == 0 };
         let maps = match shared.directions.shares(id) {
             2 => line.shoot::<2>(id, scratch)?,
@@ -284,23 +295,42 @@ impl Line<'_> {
         if is_diffuse(last) && !sealed.has(last.value_along()) {
             pairs.push([last.value_along() as u32, outside]);
         }
+        if self.clips() {
+            scratch.cells.resize(scratch.pairs.len(), cell);
+        }
         if has_mirrors {
             self.exchange_with_mirrors::<SHARES>(cell, scratch);
         }
     }
 
+    fn clips(&self) -> bool {
+        self.shared.parameters.transfer == Transfer::Clip
+    }
+
+    fn ground<'a>(&'a self, projections: &'a [Projection]) -> Ground<'a> {
+        let surface_of = &self.shared.texels.surface_of;
+        Ground { projections, surface_of, sealed: self.cycle.sealed }
+    }
+
     /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
     /// from finding the pairs, so that the processor can wait for many texels at once.
     fn transfer<const SHARES: i64>(&self, scratch: &mut Scratch) {
-        let Scratch { pairs, sums, flow, tally, .. } = scratch;
-        for [near, far] in pairs.drain(..) {
-            let (near, far) = (near as usize, far as usize);
-            let (along, against) = (&self.cycle.current[near], &self.cycle.current[far]);
-            add::<SHARES>(&mut sums[far], along);
-            add::<SHARES>(&mut sums[near], against);
-            add::<SHARES>(&mut flow.shot, along);
-            add::<SHARES>(&mut flow.shot, against);
+        let Scratch { pairs, cells, sums, flow, tally, clip, projections, .. } = scratch;
+        if self.clips() {
+            let (ground, pairs) = (self.ground(projections), (cells.as_slice(), pairs.as_slice()));
+            let shot = clip.exchange::<SHARES, 1>(pairs, &ground, self.cycle.current, sums);
+            add::<1>(&mut flow.shot, &shot);
+        } else {
+            for [near, far] in pairs.iter().map(|ends| ends.map(|value| value as usize)) {
+                let (along, against) = (&self.cycle.current[near], &self.cycle.current[far]);
+                add::<SHARES>(&mut sums[far], along);
+                add::<SHARES>(&mut sums[near], against);
+                add::<SHARES>(&mut flow.shot, along);
+                add::<SHARES>(&mut flow.shot, against);
+            }
         }
+        pairs.clear();
+        cells.clear();
         // More leaves the scene over a cycle than one fixed number holds.
         let left = std::mem::take(&mut sums[self.cycle.outside() as usize]);
         tally.left += i128::from(channels(&left));
@@ -342,7 +372,13 @@ impl Line<'_> {
     ) -> Fixed {
         let Some((_, fragment)) = sender else { return FROM_OUTSIDE };
         if fragment.texel() < self.shared.texels.diffuse {
-            let line = self.cycle.current[fragment.value(sense)];
+            let value = fragment.value(sense);
+            let line = if self.clips() {
+                let ground = self.ground(&scratch.projections);
+                clip::mean(scratch.clip.taps(cell, value as u32, &ground), self.cycle.current)
+            } else {
+                self.cycle.current[value]
+            };
             add::<SHARES>(&mut scratch.flow.shot, &line);
             return line;
         }
@@ -362,6 +398,11 @@ impl Line<'_> {
         match receiver {
             None => add::<SHARES>(&mut scratch.sums[self.cycle.outside() as usize], line),
             Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
+                if self.clips() {
+                    // The other end is a mirror, or nothing: these are still the taps of this one.
+                    let taps = scratch.clip.last_taps();
+                    return clip::share_out::<SHARES, 1>(line, taps, &mut scratch.sums);
+                }
                 add::<SHARES>(&mut scratch.sums[f.value(sense)], line);
             }
             Some((k, f)) => {

@@ -4,6 +4,7 @@ use bytesize::ByteSize;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::str::FromStr;
+use vlf::Transfer;
 use vlf::bake::quality::Quality;
 use vlf::look::render::method::Method;
 
@@ -133,6 +134,10 @@ pub struct Baking {
     /// Surfaces have a front only, as in the paper; their backs are black
     #[arg(long)]
     pub one_sided: bool,
+    /// How light goes from texels to cells and back: `clip` by exact area of overlap, `sample` by
+    /// the texel on each cell's middle ray
+    #[arg(long, value_enum, default_value = "sample")]
+    pub transfer: TransferName,
     /// Edge of a texel of the diffuse texture maps, in cells
     #[arg(long, default_value_t = 1.0)]
     pub texel: f64,
@@ -241,6 +246,24 @@ pub struct Scene {
     /// For `boxes`: which arrangement
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+}
+
+/// `--transfer`.
+#[derive(Clone, Copy, ValueEnum)]
+pub enum TransferName {
+    /// By the texel on the middle ray
+    Sample,
+    /// By area of overlap
+    Clip,
+}
+
+impl From<TransferName> for Transfer {
+    fn from(name: TransferName) -> Transfer {
+        match name {
+            TransferName::Sample => Transfer::Sample,
+            TransferName::Clip => Transfer::Clip,
+        }
+    }
 }
 
 /// `--quality`.

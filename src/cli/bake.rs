@@ -82,6 +82,7 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         texel_cells: a.texel,
         filter: a.filter,
         one_sided: a.one_sided,
+        transfer: a.transfer.into(),
     }
 }
 
@@ -111,6 +112,7 @@ pub fn defaults(quality: Quality) -> Parameters {
         texel_cells: 1.0,
         filter: FILTER,
         one_sided: false,
+        transfer: vlf::Transfer::Sample,
     }
 }
 

@@ -407,6 +407,7 @@ mod tests {
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
+            transfer: crate::format::manifest::Transfer::Sample,
         }
     }
 

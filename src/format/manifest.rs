@@ -28,6 +28,17 @@ pub struct Parameters {
     pub filter: u32,
     /// Whether surfaces have a front only.
     pub one_sided: bool,
+    /// How light goes from texels to cells and from cells to texels.
+    pub transfer: Transfer,
+}
+
+/// How light goes from texels to cells and from cells to texels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Transfer {
+    /// From and to the texel that a cell's middle ray meets.
+    Sample,
+    /// From and to all texels that the cell overlaps, by the area of the overlap (section 4.2).
+    Clip,
 }
 
 /// Where a bake stands.

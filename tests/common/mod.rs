@@ -67,6 +67,7 @@ pub fn parameters(directions: u32, resolution: u32, cycles: u32) -> Parameters {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
+        transfer: vlf::Transfer::Sample,
     }
 }
 

@@ -5,7 +5,7 @@
 //! area, so the cosine is in their number. Where every line brings the same radiance the result is
 //! exact (a furnace stays a furnace), however few they are.
 
-use super::{Fixed, Quantum};
+use super::{Fixed, Quantum, lines};
 use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -15,13 +15,13 @@ use crate::scene::texels::{Lattice, Texels};
 /// neighbours: it lies mostly outside its polygon or in contact with another.
 const FAITHFUL: f32 = 0.25;
 
-/// P^N from the sums of a cycle, two values a texel, W sr^-1 m^-2. `lines` is what a whole texel of
-/// unit area would have in the fourth channel of its sum; `filter` is the number of passes of the filter.
+/// P^N from the sums of a cycle, two values a texel, W sr^-1 m^-2. `whole` is how many lines a
+/// whole texel of unit area would meet; `filter` is the number of passes of the filter.
 pub fn next_textures(
     scene: &Scene,
     texels: &Texels,
     sums: &[Fixed],
-    (quantum, lines): (Quantum, f64),
+    (quantum, whole): (Quantum, f64),
     (filter, one_sided): (u32, bool),
 ) -> Vec<Rgb> {
     let mut next = vec![Rgb::BLACK; 2 * texels.len()];
@@ -31,7 +31,7 @@ pub fn next_textures(
         for side in 0..sides {
             let rho = diffuse_factor(scene, id);
             let per_texel = 1.0 / f64::from(lattice.density.x * lattice.density.y);
-            let expected = (lines * per_texel) as f32;
+            let expected = (whole * per_texel) as f32;
             let filtered = Filtered::new(lattice, side, sums, quantum, filter);
             if rho.is_black() || !one_side(lattice, side, &filtered, expected, &mut next) {
                 continue;
@@ -82,7 +82,7 @@ impl Filtered {
         let radiance = |t| [channel(t, 0), channel(t, 1), channel(t, 2)];
         let mut filtered = Filtered {
             radiance: texel_range(lattice).map(radiance).collect(),
-            lines: texel_range(lattice).map(|t| sum(t)[3] as f64).collect(),
+            lines: texel_range(lattice).map(|t| lines(&sum(t))).collect(),
         };
         let (width, height) = (lattice.width as usize, lattice.height as usize);
         for _ in 0..passes {

@@ -25,6 +25,7 @@ fn head(direction: u32) -> Header {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
+        transfer: crate::format::manifest::Transfer::Sample,
     };
     header(FileKind::Tiles, [1; 16], &parameters, 1, 0, (1, direction))
 }

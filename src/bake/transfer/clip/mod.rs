@@ -34,15 +34,6 @@ pub struct Projection {
     pub size: [u32; 2],
 }
 
-/// Two sides that see each other along the line of a cell.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pair {
-    /// The cell.
-    pub cell: Cell,
-    /// Texture values under the cell's middle: of the nearer surface and of the farther one.
-    pub ends: [u32; 2],
-}
-
 /// The surfaces that cells fall on.
 #[derive(Clone, Copy)]
 pub struct Ground<'a> {
@@ -101,36 +92,37 @@ impl Clip {
         }
     }
 
-    /// Exchanges light along pairs: `sums` receive what `current` shoots, `SHARES` times. Returns what
-    /// was shot, counted as often.
-    pub fn exchange<const SHARES: i64>(
+    /// Exchanges light along pairs of texture values, those under the middles of `cells`, one cell a
+    /// pair: `sums` receive what `current` shoots, `SHARES` times, and `COUNTS` times as many lines.
+    /// Returns what was shot, counted as often.
+    pub fn exchange<const SHARES: i64, const COUNTS: i64>(
         &mut self,
-        pairs: &[Pair],
+        (cells, pairs): (&[Cell], &[[u32; 2]]),
         ground: &Ground,
         current: &[Fixed],
         sums: &mut [Fixed],
     ) -> Fixed {
-        let level = self.level;
-        dispatch!(level, _ => self.exchange_all::<SHARES>(pairs, ground, current, sums))
+        let (level, pairs) = (self.level, (cells, pairs));
+        dispatch!(level, _ => self.exchange_all::<SHARES, COUNTS>(pairs, ground, current, sums))
     }
 
     #[inline(always)]
-    fn exchange_all<const SHARES: i64>(
+    fn exchange_all<const SHARES: i64, const COUNTS: i64>(
         &mut self,
-        pairs: &[Pair],
+        (cells, pairs): (&[Cell], &[[u32; 2]]),
         ground: &Ground,
         current: &[Fixed],
         sums: &mut [Fixed],
     ) -> Fixed {
         let mut shot = [0; 4];
-        for pairs in pairs.chunks(LANES / 2) {
-            self.taps_of(pairs, ground);
+        for (cells, pairs) in cells.chunks(LANES / 2).zip(pairs.chunks(LANES / 2)) {
+            self.taps_of((cells, pairs), ground);
             for bounds in self.ends.windows(3).step_by(2) {
                 let near = &self.taps[bounds[0]..bounds[1]];
                 let far = &self.taps[bounds[1]..bounds[2]];
                 let (along, against) = (mean(near, current), mean(far, current));
-                share_out::<SHARES>(&along, far, sums);
-                share_out::<SHARES>(&against, near, sums);
+                share_out::<SHARES, COUNTS>(&along, far, sums);
+                share_out::<SHARES, COUNTS>(&against, near, sums);
                 for c in 0..4 {
                     shot[c] += SHARES * (along[c] + against[c]);
                 }
@@ -141,11 +133,11 @@ impl Clip {
 
     /// Finds the taps of the ends of up to half as many pairs as there are lanes.
     #[inline(always)]
-    fn taps_of(&mut self, pairs: &[Pair], ground: &Ground) {
-        for (k, pair) in pairs.iter().enumerate() {
-            for (end, value) in pair.ends.into_iter().enumerate() {
-                if let Some(projection) = ground.projection(value) {
-                    self.cells.set(2 * k + end, projection.place(pair.cell));
+    fn taps_of(&mut self, (cells, pairs): (&[Cell], &[[u32; 2]]), ground: &Ground) {
+        for (k, (cell, ends)) in cells.iter().zip(pairs).enumerate() {
+            for (end, value) in ends.iter().enumerate() {
+                if let Some(projection) = ground.projection(*value) {
+                    self.cells.set(2 * k + end, projection.place(*cell));
                 }
             }
         }
@@ -153,10 +145,15 @@ impl Clip {
         self.taps.clear();
         self.ends.clear();
         self.ends.push(0);
-        for (lane, value) in pairs.iter().flat_map(|pair| pair.ends).enumerate() {
+        for (lane, value) in pairs.iter().flatten().copied().enumerate() {
             gather(&self.windows, lane, value, ground, &mut self.taps);
             self.ends.push(self.taps.len());
         }
+    }
+
+    /// The taps that were found last.
+    pub fn last_taps(&self) -> &[Tap] {
+        &self.taps
     }
 
     /// The taps of one cell around a texture value, the one of largest weight first.
@@ -239,12 +236,17 @@ pub fn mean(taps: &[Tap], current: &[Fixed]) -> Fixed {
     sum.map(|s| whole(s * PART))
 }
 
-/// Shares a line's radiance and its count out, `SHARES` times. What rounding leaves over goes to the first
-/// tap, the largest.
+/// Shares a line's radiance out, `SHARES` times, and its count `COUNTS` times that. What rounding leaves
+/// over goes to the first tap, the largest.
 #[inline(always)]
-pub fn share_out<const SHARES: i64>(line: &Fixed, taps: &[Tap], sums: &mut [Fixed]) {
+pub fn share_out<const SHARES: i64, const COUNTS: i64>(
+    line: &Fixed,
+    taps: &[Tap],
+    sums: &mut [Fixed],
+) {
     let Some((first, others)) = taps.split_first() else { return };
     let mut rest = line.map(|l| l * SHARES);
+    rest[3] *= COUNTS;
     let all = rest.map(|l| l as f64 * PART);
     for tap in others {
         let (sum, weight) = (&mut sums[tap.value as usize], f64::from(tap.weight));

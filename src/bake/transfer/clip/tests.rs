@@ -125,7 +125,7 @@ proptest! {
         taps[0].weight += WHOLE - taps.iter().map(|t| t.weight).sum::<u32>();
         let line = [line[0] >> dim, line[1] >> dim, line[2], i64::from(WHOLE)];
         let mut sums = vec![[0; 4]; weights.len()];
-        share_out::<3>(&line, &taps, &mut sums);
+        share_out::<3, 1>(&line, &taps, &mut sums);
         for c in 0..4 {
             prop_assert_eq!(sums.iter().map(|s| s[c]).sum::<i64>(), 3 * line[c]);
         }
@@ -145,7 +145,8 @@ struct Facing {
     surface_of: Vec<u32>,
     sealed: Sealed,
     current: Vec<Fixed>,
-    pairs: Vec<Pair>,
+    cells: Vec<Cell>,
+    pairs: Vec<[u32; 2]>,
 }
 
 const EDGE: u32 = 40;
@@ -167,7 +168,7 @@ impl Facing {
         current.push([0, 0, 0, i64::from(WHOLE)]);
         let projections =
             [lattice(0, [0.9, 0.3], [-0.4, 1.1]), lattice(texels, [-0.2, 0.8], [1.4, 0.5])];
-        let mut pairs = Vec::new();
+        let (mut cells, mut pairs) = (Vec::new(), Vec::new());
         for (k, j) in (0..30).flat_map(|j| (0..31).map(move |i| (i, j))).enumerate() {
             let cell = Cell { i: j.0, j: j.1 };
             let value = |at: usize| {
@@ -177,10 +178,11 @@ impl Facing {
                 2 * (p.first + inside(y) * EDGE + inside(x)) + at as u32
             };
             let far = if k % 7 == 0 { values as u32 } else { value(1) };
-            pairs.push(Pair { cell, ends: [value(0), far] });
+            cells.push(cell);
+            pairs.push([value(0), far]);
         }
         let surface_of = (0..2 * texels).map(|t| t / texels).collect();
-        Facing { projections, surface_of, sealed: Sealed::none(values), current, pairs }
+        Facing { projections, surface_of, sealed: Sealed::none(values), current, cells, pairs }
     }
 
     fn exchange(&self, level: Level) -> (Fixed, Vec<Fixed>) {
@@ -191,7 +193,8 @@ impl Facing {
         };
         let mut sums = vec![[0; 4]; self.current.len()];
         let mut clip = Clip::new(level);
-        let shot = clip.exchange::<2>(&self.pairs, &ground, &self.current, &mut sums);
+        let shot =
+            clip.exchange::<2, 1>((&self.cells, &self.pairs), &ground, &self.current, &mut sums);
         (shot, sums)
     }
 }
@@ -229,10 +232,10 @@ fn a_cell_alone_has_the_taps_it_has_among_others() {
     };
     let mut clip = Clip::default();
     let mut sums = vec![[0; 4]; facing.current.len()];
-    for pair in &facing.pairs {
-        let [near, far] = pair.ends.map(|value| clip.taps(pair.cell, value, &ground).to_vec());
-        share_out::<2>(&mean(&near, &facing.current), &far, &mut sums);
-        share_out::<2>(&mean(&far, &facing.current), &near, &mut sums);
+    for (cell, pair) in facing.cells.iter().zip(&facing.pairs) {
+        let [near, far] = pair.map(|value| clip.taps(*cell, value, &ground).to_vec());
+        share_out::<2, 1>(&mean(&near, &facing.current), &far, &mut sums);
+        share_out::<2, 1>(&mean(&far, &facing.current), &near, &mut sums);
     }
     assert!(sums == facing.exchange(Level::new()).1);
 }
