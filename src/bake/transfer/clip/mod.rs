@@ -19,6 +19,9 @@ use fearless_simd::{Level, dispatch};
 /// Cells that are clipped at once.
 const LANES: usize = 16;
 
+/// Classes of windows by their number of texels; the last has all larger ones.
+const CLASSES: usize = 64;
+
 /// How the cells of a PSF fall on a surface's lattice of texels, an affine map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
@@ -69,8 +72,10 @@ pub struct Clip {
     windows: Windows<LANES>,
     alone: (Cells<1>, Windows<1>),
     taps: Vec<Tap>,
-    /// Where the taps of each end begin.
-    ends: Vec<usize>,
+    /// Ends of pairs in the order in which they are clipped.
+    order: Vec<u32>,
+    /// Where the taps of each end stand.
+    ends: Vec<(u32, u32)>,
 }
 
 impl Default for Clip {
@@ -88,6 +93,7 @@ impl Clip {
             windows: Windows::new(),
             alone: (Cells::new(), Windows::new()),
             taps: Vec::new(),
+            order: Vec::new(),
             ends: Vec::new(),
         }
     }
@@ -114,40 +120,59 @@ impl Clip {
         current: &[Fixed],
         sums: &mut [Fixed],
     ) -> Fixed {
+        self.sort(pairs, ground);
+        self.taps_of((cells, pairs), ground);
         let mut shot = [0; 4];
-        for (cells, pairs) in cells.chunks(LANES / 2).zip(pairs.chunks(LANES / 2)) {
-            self.taps_of((cells, pairs), ground);
-            for bounds in self.ends.windows(3).step_by(2) {
-                let near = &self.taps[bounds[0]..bounds[1]];
-                let far = &self.taps[bounds[1]..bounds[2]];
-                let (along, against) = (mean(near, current), mean(far, current));
-                share_out::<SHARES, COUNTS>(&along, far, sums);
-                share_out::<SHARES, COUNTS>(&against, near, sums);
-                for c in 0..4 {
-                    shot[c] += SHARES * (along[c] + against[c]);
-                }
+        for ends in self.ends.chunks_exact(2) {
+            let [near, far] = [0, 1].map(|k| &self.taps[ends[k].0 as usize..ends[k].1 as usize]);
+            let (along, against) = (mean(near, current), mean(far, current));
+            share_out::<SHARES, COUNTS>(&along, far, sums);
+            share_out::<SHARES, COUNTS>(&against, near, sums);
+            for c in 0..4 {
+                shot[c] += SHARES * (along[c] + against[c]);
             }
         }
         shot
     }
 
-    /// Finds the taps of the ends of up to half as many pairs as there are lanes.
+    /// Puts the ends of pairs in order of their windows' sizes, by counting: the largest of those that
+    /// are clipped at once decides how long it takes.
+    #[inline(always)]
+    fn sort(&mut self, pairs: &[[u32; 2]], ground: &Ground) {
+        let class = |value: u32| ground.projection(value).map_or(0, Projection::class);
+        let mut place = [0; CLASSES + 1];
+        for value in pairs.iter().flatten() {
+            place[class(*value) + 1] += 1;
+        }
+        for k in 0..CLASSES {
+            place[k + 1] += place[k];
+        }
+        self.order.resize(2 * pairs.len(), 0);
+        for (end, value) in pairs.iter().flatten().enumerate() {
+            let place = &mut place[class(*value)];
+            self.order[*place] = end as u32;
+            *place += 1;
+        }
+    }
+
+    /// Finds the taps of the ends of pairs.
     #[inline(always)]
     fn taps_of(&mut self, (cells, pairs): (&[Cell], &[[u32; 2]]), ground: &Ground) {
-        for (k, (cell, ends)) in cells.iter().zip(pairs).enumerate() {
-            for (end, value) in ends.iter().enumerate() {
-                if let Some(projection) = ground.projection(*value) {
-                    self.cells.set(2 * k + end, projection.place(*cell));
+        self.taps.clear();
+        self.ends.resize(2 * pairs.len(), (0, 0));
+        for ends in self.order.chunks(LANES) {
+            let value = |end: u32| pairs[end as usize / 2][end as usize % 2];
+            for (lane, end) in ends.iter().enumerate() {
+                if let Some(projection) = ground.projection(value(*end)) {
+                    self.cells.set(lane, projection.place(cells[*end as usize / 2]));
                 }
             }
-        }
-        self.windows.clip(&self.cells);
-        self.taps.clear();
-        self.ends.clear();
-        self.ends.push(0);
-        for (lane, value) in pairs.iter().flatten().copied().enumerate() {
-            gather(&self.windows, lane, value, ground, &mut self.taps);
-            self.ends.push(self.taps.len());
+            self.windows.clip(&self.cells);
+            for (lane, end) in ends.iter().enumerate() {
+                let from = self.taps.len() as u32;
+                gather(&self.windows, lane, value(*end), ground, &mut self.taps);
+                self.ends[*end as usize] = (from, self.taps.len() as u32);
+            }
         }
     }
 
@@ -170,6 +195,16 @@ impl Clip {
 }
 
 impl Projection {
+    /// The class of its cells' windows.
+    #[inline(always)]
+    fn class(&self) -> usize {
+        let across = |axis: usize| {
+            let reach = self.per_column[axis].abs() + self.per_row[axis].abs();
+            if reach < overlap::REACH { reach as usize + 2 } else { CLASSES }
+        };
+        (across(0) * across(1)).min(CLASSES - 1)
+    }
+
     /// A cell's middle, its edges and the size of the lattice, as [`Cells::set`] takes them.
     #[inline(always)]
     fn place(&self, cell: Cell) -> [[f32; 2]; 4] {
