@@ -46,7 +46,7 @@ fn parameters(directions: u32, resolution: u32) -> Parameters {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
-        transfer: vlf::Transfer::Sample,
+        ..Parameters::default()
     }
 }
 
@@ -222,8 +222,8 @@ fn transfer_sampled(bencher: Bencher, texel: f32) {
     let mut sums = vec![[0; 4]; current.len()];
     bencher.counter(ItemsCount::new(2 * pairs.len())).bench_local(|| {
         for [near, far] in black_box(&pairs).iter().map(|ends| ends.map(|v| v as usize)) {
-            add::<3>(&mut sums[far], &current[near]);
-            add::<3>(&mut sums[near], &current[far]);
+            add::<3, 1>(&mut sums[far], &current[near]);
+            add::<3, 1>(&mut sums[near], &current[far]);
         }
     });
 }

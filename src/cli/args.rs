@@ -4,9 +4,9 @@ use bytesize::ByteSize;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::str::FromStr;
-use vlf::Transfer;
 use vlf::bake::quality::Quality;
 use vlf::look::render::method::Method;
+use vlf::{Specular, Transfer};
 
 const AFTER: &str = "\
 A scene goes three ways: `vlf bake` makes a field of it, `vlf-pack` makes one file of the field,
@@ -138,6 +138,17 @@ pub struct Baking {
     /// the texel on each cell's middle ray
     #[arg(long, value_enum, default_value = "sample")]
     pub transfer: TransferName,
+    /// How mirrors send light on: `trace` follows its true path, `maps` interpolates stored maps
+    /// between directions, as in the paper
+    #[arg(long, value_enum, default_value = "trace")]
+    pub specular: SpecularName,
+    /// Whether mirrors' total maps are found along true paths after the last cycle; `off`, with
+    /// `--specular maps`, leaves them as they were propagated
+    #[arg(long, value_enum, default_value = "on")]
+    pub resample: Switch,
+    /// Rays along an edge of each cell that a surface's border runs through
+    #[arg(long, default_value_t = 1)]
+    pub split: u32,
     /// Edge of a texel of the diffuse texture maps, in cells
     #[arg(long, default_value_t = 1.0)]
     pub texel: f64,
@@ -263,6 +274,37 @@ impl From<TransferName> for Transfer {
             TransferName::Sample => Transfer::Sample,
             TransferName::Clip => Transfer::Clip,
         }
+    }
+}
+
+/// `--specular`.
+#[derive(Clone, Copy, ValueEnum)]
+pub enum SpecularName {
+    /// Stored maps
+    Maps,
+    /// True paths
+    Trace,
+}
+
+impl From<SpecularName> for Specular {
+    fn from(name: SpecularName) -> Specular {
+        match name {
+            SpecularName::Maps => Specular::Maps,
+            SpecularName::Trace => Specular::Trace,
+        }
+    }
+}
+
+/// On or off.
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+pub enum Switch {
+    On,
+    Off,
+}
+
+impl Switch {
+    pub fn is_on(self) -> bool {
+        self == Switch::On
     }
 }
 

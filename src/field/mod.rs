@@ -407,7 +407,9 @@ mod tests {
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
-            transfer: crate::format::manifest::Transfer::Sample,
+            specular: crate::Specular::Maps,
+            resample: false,
+            ..Parameters::default()
         }
     }
 

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use tempfile::TempDir;
+use vlf::Visible;
 use vlf::bake::{Options, Outcome, bake_in};
 use vlf::field::storage::Storage;
 use vlf::field::storage::disk::Disk;
@@ -16,7 +17,6 @@ use vlf::field::{Terms, read_manifest};
 use vlf::format::manifest::Manifest;
 use vlf::look::image::Picture;
 use vlf::look::render::method::{Method, take};
-use vlf::look::visible::Visible;
 use vlf::{Camera, LightField, Parameters, Scene};
 
 /// The folders under `scenes/`.
@@ -67,7 +67,7 @@ pub fn parameters(directions: u32, resolution: u32, cycles: u32) -> Parameters {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
-        transfer: vlf::Transfer::Sample,
+        ..Parameters::default()
     }
 }
 

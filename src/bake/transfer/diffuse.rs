@@ -5,7 +5,7 @@
 //! area, so the cosine is in their number. Where every line brings the same radiance the result is
 //! exact (a furnace stays a furnace), however few they are.
 
-use super::{Fixed, Quantum, lines};
+use super::{Fixed, Quantum};
 use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -15,13 +15,14 @@ use crate::scene::texels::{Lattice, Texels};
 /// neighbours: it lies mostly outside its polygon or in contact with another.
 const FAITHFUL: f32 = 0.25;
 
-/// P^N from the sums of a cycle, two values a texel, W sr^-1 m^-2. `whole` is how many lines a
-/// whole texel of unit area would meet; `filter` is the number of passes of the filter.
+/// P^N from the sums of a cycle, two values a texel, W sr^-1 m^-2. `struck` says how many lines struck
+/// a value, with or without light; a whole texel of unit area would have `lines` of them; `filter` is
+/// the number of passes of the filter.
 pub fn next_textures(
     scene: &Scene,
     texels: &Texels,
-    sums: &[Fixed],
-    (quantum, whole): (Quantum, f64),
+    (sums, quantum): (&[Fixed], Quantum),
+    (struck, lines): (&dyn Fn(usize) -> f64, f64),
     (filter, one_sided): (u32, bool),
 ) -> Vec<Rgb> {
     let mut next = vec![Rgb::BLACK; 2 * texels.len()];
@@ -31,8 +32,8 @@ pub fn next_textures(
         for side in 0..sides {
             let rho = diffuse_factor(scene, id);
             let per_texel = 1.0 / f64::from(lattice.density.x * lattice.density.y);
-            let expected = (whole * per_texel) as f32;
-            let filtered = Filtered::new(lattice, side, sums, quantum, filter);
+            let expected = (lines * per_texel) as f32;
+            let filtered = Filtered::new(lattice, side, (sums, quantum), struck, filter);
             if rho.is_black() || !one_side(lattice, side, &filtered, expected, &mut next) {
                 continue;
             }
@@ -72,8 +73,8 @@ impl Filtered {
     fn new(
         lattice: &Lattice,
         side: usize,
-        sums: &[Fixed],
-        quantum: Quantum,
+        (sums, quantum): (&[Fixed], Quantum),
+        struck: &dyn Fn(usize) -> f64,
         passes: u32,
     ) -> Filtered {
         let sum = |texel: usize| sums[2 * texel + side];
@@ -82,7 +83,7 @@ impl Filtered {
         let radiance = |t| [channel(t, 0), channel(t, 1), channel(t, 2)];
         let mut filtered = Filtered {
             radiance: texel_range(lattice).map(radiance).collect(),
-            lines: texel_range(lattice).map(|t| lines(&sum(t))).collect(),
+            lines: texel_range(lattice).map(|t| struck(2 * t + side)).collect(),
         };
         let (width, height) = (lattice.width as usize, lattice.height as usize);
         for _ in 0..passes {
@@ -224,10 +225,11 @@ mod tests {
         for texel in texel_range(&lattice) {
             let at = texel as u32 - lattice.first;
             for _ in 0..lines(at % lattice.width, at / lattice.width) {
-                crate::bake::transfer::add::<3>(&mut sums[2 * texel], &line);
+                crate::bake::transfer::add::<3, 1>(&mut sums[2 * texel], &line);
             }
         }
-        let next = next_textures(&scene, &texels, &sums, (quantum, 3000.0), (0, false));
+        let struck = |value: usize| crate::bake::transfer::lines(&sums[value]);
+        let next = next_textures(&scene, &texels, (&sums, quantum), (&struck, 3000.0), (0, false));
         (diffuse_factor(&scene, SurfaceId(0)), lattice, next)
     }
 

@@ -85,6 +85,12 @@ impl Default for Clip {
 }
 
 impl Clip {
+    /// Bytes of a worker's own memory: windows, and the taps and ends of a block of cells.
+    pub const BYTES: u64 = 1 << 20;
+
+    /// Bytes for each surface.
+    pub const A_SURFACE: u64 = size_of::<Projection>() as u64;
+
     /// With the instructions of a level. The level does not change a bit of what is found.
     pub fn new(level: Level) -> Clip {
         Clip {
