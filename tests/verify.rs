@@ -568,6 +568,10 @@ fn lies_with_sound_hashes_are_found() {
         (&whole, record, &|c| c[0].bytes[0] ^= 1, "identity"),
         (&whole, record, &|c| shorten(&mut c[0], 1), "no valid commit record"),
         (&half, &sums, &|c| shorten(&mut c[0], 64), "texels take"),
+        (&half, &sums, &|c| c[0].bytes[15] = 0x80, "a total is out of range"),
+        (&half, &sums, &|c| c[0].bytes[9 * 16 + 8] = 1, "a total is out of range"),
+        (&half, &sums, &|c| c[0].bytes[160 + 7] = 0x80, "texel's are negative"),
+        (&half, &sums, &|c| c[0].bytes[160 + 24..160 + 32].fill(0), "light of no line"),
         (&half, "unshot-0001/000004.tiles", &|c| drop(c.pop()), "does not hold the chunks"),
         (&half, "unshot-0001/000004.tiles", &|c| c[1].bytes[12] ^= 1, "arrived map"),
     ];
