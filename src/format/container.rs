@@ -625,6 +625,20 @@ impl Directory {
         entry.check_padding(padding)?;
         decode(&self.header.field, entry, stored)
     }
+
+    /// The same for a chunk whose stored bytes were read with the padding behind them.
+    ///
+    /// # Errors
+    /// As [`Directory::chunk`].
+    pub fn chunk_read(&self, mut framed: Vec<u8>, entry: &ChunkEntry) -> Result<Vec<u8>, Fault> {
+        let stored = usize::try_from(entry.stored).unwrap_or(usize::MAX).min(framed.len());
+        entry.check_padding(&framed[stored..])?;
+        framed.truncate(stored);
+        match decode(&self.header.field, entry, &framed)? {
+            Cow::Borrowed(_) => Ok(framed),
+            Cow::Owned(raw) => Ok(raw),
+        }
+    }
 }
 
 /// Writes a container chunk by chunk; the number of chunks is fixed at the start, so that the
