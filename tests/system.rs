@@ -464,7 +464,7 @@ fn where_a_pack_cannot_be_mapped_it_is_read() {
     let bytes = vlf::pack(&baked.path, &pack, vlf::Codec::Raw, &|_| {}).unwrap().bytes >> 10;
     assert!(bytes > 16 << 10, "{bytes} KiB are too few to tell");
     let picture = folder.path().join("p.exr");
-    let camera = common::obj("office").with_file_name("camera_a.json");
+    let camera = obj("office").with_file_name("camera_a.json");
     let render = |limit: Option<u64>, more: &[&str]| {
         let _ = fs::remove_file(&picture);
         let mut args = vec!["render".to_owned(), pack.display().to_string()];
