@@ -10,8 +10,6 @@ pub mod packed;
 
 pub mod lightfield;
 
-pub mod visible;
-
 pub mod image;
 
 pub mod tone;
@@ -19,6 +17,3 @@ pub mod tone;
 pub mod compare;
 
 pub mod render;
-
-#[cfg(test)]
-mod test_scenes;
