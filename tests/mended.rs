@@ -6,9 +6,11 @@ use common::{Baked, How, bake_to, parameters, scene};
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
+use vlf::Parameters;
 use vlf::bake::{BakeError, Options, Outcome};
 use vlf::field::Terms;
 use vlf::field::storage::disk::Disk;
+use vlf::format::manifest::Specular;
 use vlf::format::names;
 use vlf::verify;
 
@@ -26,7 +28,12 @@ fn cut(path: &Path) {
 
 #[test]
 fn damaged_total_maps_are_made_again_to_the_same_bits() {
-    let (scene, parameters) = (scene("cornell"), parameters(33, 16, 2));
+    made_again("cornell");
+    made_again("cornell_mirror");
+}
+
+fn made_again(name: &str) {
+    let (scene, parameters) = (scene(name), parameters(33, 16, 2));
     let baked = Baked::new(&scene, &parameters);
     let map = |direction| names::tiles(&baked.path, names::TOTAL, direction);
     let good: Vec<_> = (0..33).map(|d| fs::read(map(d)).unwrap()).collect();
@@ -49,6 +56,8 @@ fn damaged_total_maps_are_made_again_to_the_same_bits() {
 
 #[test]
 fn what_cannot_be_made_again_is_said_and_left_as_it_is() {
+    let parameters =
+        Parameters { specular: Specular::Maps, resample: false, ..parameters(33, 16, 2) };
     let bake = |path: &Path, scene: &vlf::Scene| {
         let options = Options {
             memory: 1 << 30,
@@ -60,11 +69,11 @@ fn what_cannot_be_made_again_is_said_and_left_as_it_is() {
             terms: Terms::default(),
             force: false,
         };
-        vlf::bake(scene, &parameters(33, 16, 2), path, &options)
+        vlf::bake(scene, &parameters, path, &options)
     };
     // What arrived at mirrors is gone.
     let mirrors = scene("cornell_mirror");
-    let baked = Baked::new(&mirrors, &parameters(33, 16, 2));
+    let baked = Baked::new(&mirrors, &parameters);
     let map = names::tiles(&baked.path, names::TOTAL, 5);
     flip(&map);
     let bad = fs::read(&map).unwrap();
@@ -77,7 +86,7 @@ fn what_cannot_be_made_again_is_said_and_left_as_it_is() {
 
     // So are the texture maps that the total maps are made of.
     let diffuse = scene("cornell");
-    let baked = Baked::new(&diffuse, &parameters(33, 16, 2));
+    let baked = Baked::new(&diffuse, &parameters);
     flip(&names::tiles(&baked.path, names::TOTAL, 5));
     flip(&baked.path.join(names::textures(2)));
     let error = bake(&baked.path, &diffuse).unwrap_err();

@@ -1,10 +1,11 @@
 //! Total radiance maps that went bad on the disk, made again.
 //!
-//! A total map is made of what is kept: the Total Texture Map and, while the bake is not finished, what
-//! arrived at mirrors. The same bits come out, so the field's digest says whether it is whole again.
+//! A total map is made of what is kept: the Total Texture Map, and what arrives at mirrors along true
+//! paths. Where that is taken from what was stored of it instead, it can be done until the bake is
+//! finished. The same bits come out, so the field's digest says whether it is whole again.
 
 use super::step::Shared;
-use super::totals::{Scratch, lit_sides, total_map};
+use super::totals::{Mirrors, Scratch, lit_sides, total_map};
 use super::{BakeError, Options, Outcome, Progress};
 use crate::field::pages::Pages;
 use crate::field::{Field, FieldError, files};
@@ -13,6 +14,8 @@ use crate::format::manifest::Phase;
 use crate::format::tiles::Layout;
 use crate::format::{Fault, names};
 use crate::ids::DirectionId;
+use crate::paths::{MAX_DEPTH, Paths};
+use crate::visible::Visible;
 use rayon::prelude::*;
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -25,7 +28,7 @@ type Damaged = (u32, FieldError);
 /// at.
 ///
 /// # Errors
-/// [`BakeError::Gone`] when the field is finished and has mirrors; damaged texture maps, or a system
+/// [`BakeError::Gone`] when the field is finished and its mirrors' maps are what was stored of them; damaged texture maps, or a system
 /// that refuses.
 pub fn mend(
     shared: &Shared,
@@ -43,7 +46,7 @@ pub fn mend(
     }
     let Some((_, fault)) = damaged.first() else { return Ok(Outcome::Finished) };
     let finished = field.manifest().phase == Phase::Finished;
-    if finished && shared.has_mirrors() {
+    if finished && from_store(shared) {
         return Err(BakeError::Gone { fault: fault.clone(), count: damaged.len() });
     }
     tracing::warn!("{fault}; total maps made again: {}", damaged.len());
@@ -59,6 +62,11 @@ pub fn mend(
         field.commit()?;
     }
     Ok(Outcome::Finished)
+}
+
+/// Whether mirrors' total maps are what was stored of them while light was propagated.
+fn from_store(shared: &Shared) -> bool {
+    shared.has_mirrors() && shared.parameters.totals_from_store()
 }
 
 /// The total maps that are not sound, of those that are committed.
@@ -126,18 +134,26 @@ fn make(
     let cycle = field.manifest().cycle;
     let total = field.read_texture(cycle, ChunkKind::TotalTexture, 2 * shared.texels.len())?;
     let lit = lit_sides(shared.texels, &total);
-    let pages = shared.has_mirrors().then(|| {
+    let pages = from_store(shared).then(|| {
         let header = field.header_of(FileKind::Tiles, (cycle, NO_DIRECTION));
         Pages::new(field.shared_storage(), header, budget, options.threads)
     });
+    let visible = (shared.has_mirrors() && pages.is_none()).then(|| Visible::new(shared.scene));
+    let scene = shared.scene;
+    let paths = visible.as_ref().map(|visible| Paths { scene, visible, max_depth: MAX_DEPTH });
     field.begin_folder(names::TOTAL)?;
     damaged.par_iter().try_for_each_init(Scratch::default, |scratch, (direction, _)| {
         let arrived = match &pages {
             Some(pages) => Some(pages.get(*direction, ChunkKind::Arrived)?),
             None => None,
         };
+        let mirrors = match (&arrived, paths) {
+            (Some(page), _) => Mirrors::Stored(page),
+            (None, Some(paths)) => Mirrors::Traced(paths),
+            (None, None) => Mirrors::None,
+        };
         let maps = (total.as_slice(), lit.as_slice());
-        let bytes = total_map(shared, DirectionId(*direction), maps, arrived.as_deref(), scratch)?;
+        let bytes = total_map(shared, DirectionId(*direction), maps, mirrors, scratch);
         field.write_tiles(names::TOTAL, (cycle, *direction), &[(ChunkKind::Total, bytes)])
     })
 }
