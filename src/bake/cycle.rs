@@ -13,7 +13,7 @@ use super::reach::{CutViews, Reach, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
 use super::transfer::diffuse::{diffuse_factor, next_textures};
-use super::transfer::{Fixed, Quantum};
+use super::transfer::{self, Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, Progress, count_run};
 use crate::directions::Directions;
 use crate::field::files::BLOCK;
@@ -536,7 +536,7 @@ impl<'a> Bake<'a> {
         let mut open = open_areas(&self.areas, sums, counted);
         let struck = |value: usize| match few_send {
             true => repeats * lines * open[value],
-            false => sums[value][3] as f64,
+            false => transfer::lines(&sums[value]),
         };
         let how = (self.parameters.filter, self.parameters.one_sided);
         let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
