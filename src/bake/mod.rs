@@ -1,9 +1,11 @@
 //! Act one, made: light is propagated through the field (section 4).
 //!
 //! In: a [`Scene`] and [`Parameters`]. Out: a field directory. The stages, in the data's order:
-//! [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels), [`reach`] (where no light can come),
+//! [`homes`] (which texel a point belongs to), [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels), [`reach`] (where no light can come),
 //! [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
 //! [`totals`] (the last sweep), [`mend`] (what of it went bad since).
+
+pub mod homes;
 
 pub mod window;
 
@@ -12,8 +14,6 @@ pub mod layers;
 pub mod exchange;
 
 pub mod perturb;
-
-pub mod cuts;
 
 pub mod reach;
 
