@@ -45,6 +45,7 @@ fn parameters(directions: u32, resolution: u32) -> Parameters {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
+        ..Parameters::default()
     }
 }
 

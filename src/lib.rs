@@ -24,11 +24,7 @@
 //!     resolution: 16,
 //!     tile: 8,
 //!     cycles: Some(3),
-//!     unshot_fraction: 1e-3,
-//!     perturbations: vec![1],
-//!     texel_cells: 1.0,
-//!     filter: 0,
-//!     one_sided: false,
+//!     ..Parameters::default()
 //! };
 //! let options = vlf::bake::Options {
 //!     memory: 256 << 20,
@@ -72,6 +68,10 @@ pub mod format;
 
 pub mod scene;
 
+pub mod visible;
+
+pub mod paths;
+
 pub mod gather;
 
 pub mod field;
@@ -93,14 +93,14 @@ pub use directions::Directions;
 pub use field::FieldError;
 pub use format::FormatError;
 pub use format::container::Codec;
-pub use format::manifest::Parameters;
+pub use format::manifest::{Parameters, Specular, Transfer};
 pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SurfaceId, TileId};
 pub use look::image::Picture;
 pub use look::lightfield::{LightField, LookError};
 pub use look::render::method::{Method, take};
-pub use look::visible::Visible;
 pub use pack::pack;
 pub use psf::Psf;
 pub use radiance::Rgb;
 pub use scene::camera::Camera;
 pub use scene::{Material, Scene, SceneError, Surface, bundled};
+pub use visible::Visible;

@@ -24,7 +24,7 @@ use vlf::format::tiles::{Layout, TileMap};
 use vlf::format::{Fault, FormatError};
 use vlf::look::lightfield::LookError;
 use vlf::scene::{stored, texels};
-use vlf::{LightField, Parameters, Rgb, Scene, SurfaceId};
+use vlf::{LightField, Parameters, Rgb, Scene, Specular, SurfaceId, Transfer};
 
 const OBJ: &str = "\
 mtllib tiny.mtl
@@ -290,6 +290,10 @@ fn parameters() -> Parameters {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
+        transfer: Transfer::Sample,
+        specular: Specular::Maps,
+        resample: false,
+        split: 1,
     }
 }
 

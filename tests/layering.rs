@@ -7,13 +7,15 @@ mod source;
 use std::fs;
 
 /// The data's way through the library. `lib.rs` lists those that exist in this order.
-const ORDER: [&str; 14] = [
+const ORDER: [&str; 16] = [
     "radiance",
     "ids",
     "directions",
     "psf",
     "format",
     "scene",
+    "visible",
+    "paths",
     "gather",
     "field",
     "bake",

@@ -8,7 +8,7 @@ use common::{Baked, camera, mean_radiance, obj, parameters, picture, scene, scen
 use glam::DVec3;
 use vlf::look::render::method::Method;
 use vlf::look::render::raytrace::{MAX_DEPTH, Raytrace};
-use vlf::look::visible::Visible;
+use vlf::Visible;
 use vlf::{Camera, Parameters, Rgb, Scene};
 
 /// A room without its wall at z = -1, a tilted box in it and a lamp at the ceiling, as faces of quads.

@@ -109,7 +109,7 @@ mod tests {
     use crate::bake::layers::Outlines;
     use crate::bake::transfer::Quantum;
     use crate::directions::Directions;
-    use crate::format::manifest::Parameters;
+    use crate::format::manifest::{Parameters, Specular};
     use crate::scene::Scene;
 
     /// Maps that have to be read when the last `room` maps used are kept.
@@ -145,6 +145,9 @@ mod tests {
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
+            specular: Specular::Maps,
+            resample: false,
+            ..Parameters::default()
         };
         let texels = crate::bake::texels(&scene, &parameters);
         let directions = Directions::with_lines(2049).unwrap();

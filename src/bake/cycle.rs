@@ -11,7 +11,7 @@ use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::memory::Need;
 use super::reach::{CutViews, Reach, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Made, Scratch, Shared, shoot};
-use super::totals;
+use super::totals::{self, Mirrors};
 use super::transfer::diffuse::{diffuse_factor, next_textures};
 use super::transfer::{Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, Progress, count_run};
@@ -26,10 +26,12 @@ use crate::format::container::{ChunkKind, FileKind, NO_DIRECTION};
 use crate::format::manifest::{CycleLedger, Parameters, Phase};
 use crate::format::names;
 use crate::ids::DirectionId;
+use crate::paths::{MAX_DEPTH, Paths};
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::areas::areas;
 use crate::scene::texels::Texels;
+use crate::visible::Visible;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -50,6 +52,8 @@ pub struct Bake<'a> {
     committed: Instant,
     counted: Instant,
     sealed: Sealed,
+    /// What paths through mirrors meet, where any are followed.
+    visible: Option<Visible>,
     /// PSFs that this run has rasterised in the steps that it has ended, or what takes as long.
     work: f64,
     /// Directions of the step under way that an earlier run did.
@@ -64,6 +68,12 @@ const PREPARING: f64 = 1.5;
 
 /// What a direction's total map takes, in PSFs of the propagation.
 const TOTALS: f64 = 2.0;
+
+/// What a windowed PSF takes, in whole ones.
+const WINDOWED: f64 = 0.25;
+
+/// Senders are few when they have less than this part of all area.
+const FEW: f64 = 0.25;
 
 /// What ended a loop over directions.
 enum Walk {
@@ -88,7 +98,10 @@ impl<'a> Bake<'a> {
             .num_threads(options.threads.max(1))
             .build()
             .map_err(|e| BakeError::Parameter(format!("--threads: {e}")))?;
+        let has_mirrors = scene.materials.iter().any(|m| m.reflectance.is_mirror());
+        let follows = has_mirrors && !field.manifest().parameters.totals_from_store();
         let mut bake = Bake {
+            visible: follows.then(|| Visible::new(scene)),
             scene,
             texels,
             directions,
@@ -228,12 +241,13 @@ impl<'a> Bake<'a> {
             tally = self.read_sums(&mut lock(&workers[0]).sums)?;
         }
         let perturbations = self.perturbations(cycle);
-        let has_mirrors = self.shared().has_mirrors();
+        let stores_mirrors = self.shared().stores_mirrors();
         let folder = names::generation(cycle + 1);
-        if has_mirrors && !self.all_done() {
+        if stores_mirrors && !self.all_done() {
             self.field.begin_folder(&folder)?;
         }
-        let pages = (has_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating));
+        let pages = (stores_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating));
+        let senders = self.few_senders(cycle);
         self.begin_step();
         while !self.all_done() {
             let shared = self.shared();
@@ -241,7 +255,9 @@ impl<'a> Bake<'a> {
                 number: cycle,
                 current: &current,
                 pages: pages.as_ref(),
+                paths: self.paths().filter(|_| !stores_mirrors),
                 perturbations,
+                senders: senders.as_deref(),
                 sealed: &self.sealed,
             };
             let wanted =
@@ -266,13 +282,13 @@ impl<'a> Bake<'a> {
             }
         }
         drop((current, pages));
-        self.end_step(f64::from(perturbations));
+        self.end_step(self.grids(cycle));
         let sums = workers
             .into_iter()
             .next()
             .map(|w| w.into_inner().unwrap_or_else(PoisonError::into_inner));
         let sums = sums.map(|s| s.sums).unwrap_or_default();
-        self.end_cycle(cycle, &sums[..2 * self.texels.len()], &tally, perturbations)?;
+        self.end_cycle(cycle, &sums[..2 * self.texels.len()], &tally, senders.is_some())?;
         Ok(Walk::Done)
     }
 
@@ -281,6 +297,37 @@ impl<'a> Bake<'a> {
         if let Some(pages) = pages {
             self.field.manifest_mut().statistics.cache.add(&pages.take_figures());
         }
+    }
+
+    /// The paths through mirrors, where any are followed.
+    fn paths(&self) -> Option<Paths<'_>> {
+        let visible = self.visible.as_ref()?;
+        Some(Paths { scene: self.scene, visible, max_depth: MAX_DEPTH })
+    }
+
+    /// The surfaces that send in a cycle, if they are few: emitters in the first one, and mirrors that
+    /// send on what they show.
+    fn few_senders(&self, cycle: u32) -> Option<Vec<bool>> {
+        if cycle > 0 || self.perturbations(cycle) == 1 {
+            return None;
+        }
+        let relays = !self.parameters.stores_mirrors();
+        let sends = |id| {
+            let material = self.scene.material_of(id);
+            !material.emitted.is_black() || (relays && material.reflectance.is_mirror())
+        };
+        let senders: Vec<bool> = self.scene.surface_ids().map(sends).collect();
+        let area = |only: bool| {
+            let surfaces = self.scene.surfaces.iter().zip(&senders);
+            surfaces.filter(|(_, s)| **s || !only).map(|(s, _)| f64::from(s.area())).sum::<f64>()
+        };
+        (area(true) < FEW * area(false)).then_some(senders)
+    }
+
+    /// What a direction takes in a cycle, in PSFs that are rasterised whole.
+    fn grids(&self, cycle: u32) -> f64 {
+        let all = f64::from(self.perturbations(cycle));
+        if self.few_senders(cycle).is_some() { 1.0 + WINDOWED * (all - 1.0) } else { all }
     }
 
     fn perturbations(&self, cycle: u32) -> u32 {
@@ -350,7 +397,7 @@ impl<'a> Bake<'a> {
         let lines = f64::from(self.parameters.directions);
         let inside = f64::from(done) / lines;
         let grids = |cycles: std::ops::Range<u32>| {
-            lines * cycles.map(|c| f64::from(self.perturbations(c))).sum::<f64>()
+            lines * cycles.map(|c| self.grids(c)).sum::<f64>()
         };
         let cycle = manifest.cycle;
         let (own, later) = match manifest.phase {
@@ -464,27 +511,37 @@ impl<'a> Bake<'a> {
         cycle: u32,
         sums: &[Fixed],
         tally: &Tally,
-        perturbations: u32,
+        few_send: bool,
     ) -> Result<(), BakeError> {
+        let perturbations = self.perturbations(cycle);
         let units = Units {
             quantum: self.quantum,
             share: self.directions.share(),
             cell: f64::from(2.0 / self.parameters.resolution as f32).powi(2)
                 * self.scene.fit.radius.powi(2),
             perturbations,
+            relays: !self.parameters.stores_mirrors(),
         };
         // A whole texel meets lines in proportion to its projected area: pi sr in all.
         let cell = f64::from(2.0 / self.parameters.resolution as f32).powi(2);
-        let lines = std::f64::consts::PI / (units.share * cell) * f64::from(perturbations);
+        let lines = std::f64::consts::PI / (units.share * cell);
+        // Of few senders, only the lines of the unperturbed PSFs are counted.
+        let repeats = f64::from(perturbations);
+        let counted = lines * if few_send { 1.0 } else { repeats };
+        let mut open = open_areas(&self.areas, sums, counted);
+        let struck = |value: usize| match few_send {
+            true => repeats * lines * open[value],
+            false => sums[value][3] as f64,
+        };
         let how = (self.parameters.filter, self.parameters.one_sided);
-        let next = next_textures(self.scene, self.texels, sums, (self.quantum, lines), how);
+        let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
+        let next = next_textures(self.scene, self.texels, (sums, self.quantum), lines, how);
         if let Some(at) = next.iter().position(|v| !v.is_physical()) {
             let surface = self.texels.surface_of[at / 2];
             return Err(BakeError::Radiance { cycle, surface });
         }
 
         let scale = self.scene.fit.radius.powi(2);
-        let mut open = open_areas(&self.areas, sums, lines);
         open.iter_mut().for_each(|a| *a *= scale);
         let diffuse_out = texture_power(&next, &open);
         let one_sided = self.parameters.one_sided;
@@ -538,7 +595,8 @@ impl<'a> Bake<'a> {
         }
         let workers: Vec<Mutex<totals::Scratch>> =
             (0..self.options.threads.max(1)).map(|_| Mutex::default()).collect();
-        let pages = self.shared().has_mirrors().then(|| self.pages(Phase::WritingTotals));
+        let stored = self.shared().has_mirrors() && self.parameters.totals_from_store();
+        let pages = stored.then(|| self.pages(Phase::WritingTotals));
         self.begin_step();
         while !self.all_done() {
             let shared = self.shared();
@@ -555,9 +613,14 @@ impl<'a> Bake<'a> {
                     Some(pages) => Some(pages.get(direction, ChunkKind::Arrived)?),
                     None => None,
                 };
+                let mirrors = match (&arrived, self.paths()) {
+                    (Some(page), _) => Mirrors::Stored(page),
+                    (None, Some(paths)) => Mirrors::Traced(paths),
+                    (None, None) => Mirrors::None,
+                };
                 let maps = (total.as_slice(), lit.as_slice());
                 let id = DirectionId(direction);
-                let bytes = totals::total_map(&shared, id, maps, arrived.as_deref(), &mut scratch)?;
+                let bytes = totals::total_map(&shared, id, maps, mirrors, &mut scratch);
                 Ok(vec![(ChunkKind::Total, bytes)])
             })?;
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));

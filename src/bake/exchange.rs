@@ -10,7 +10,7 @@ use super::layers::Fragment;
 
 /// Surfaces closer than this along a ray touch: no light passes between them, and lines that meet
 /// only in the contact say nothing of the texel's radiance. In the fitted scene's units.
-const CONTACT: f32 = 1e-5;
+pub const CONTACT: f32 = 1e-5;
 
 /// Whether light passes between two neighbours on a ray.
 pub fn see_each_other(near: Fragment, far: Fragment) -> bool {

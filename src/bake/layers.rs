@@ -5,8 +5,9 @@
 //! its span is filled. A cell holds a polygon when its middle lies inside; rows and spans are half
 //! open, so that polygons that share an edge share no cell and leave none out. O(fragments).
 
+use super::window::Window;
 use crate::format::limits;
-use crate::ids::Sense;
+use crate::ids::{Cell, Sense};
 use crate::psf::Psf;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
@@ -114,6 +115,10 @@ impl Outlines {
         }
         out
     }
+
+    fn of(&self, plane: &Plane) -> &[Outline] {
+        &self.polygons[plane.polygons.0 as usize..plane.polygons.1 as usize]
+    }
 }
 
 /// A function of column and row: `at_origin + x * per_column + y * per_row`.
@@ -176,6 +181,33 @@ impl Affine {
     }
 }
 
+/// A surface's fragments in one row.
+struct InRow<'a> {
+    of: &'a Gradients,
+    depth: f32,
+    column: f32,
+    row: f32,
+    depths: (f32, f32),
+}
+
+impl<'a> InRow<'a> {
+    fn new(span: &Span, of: &'a Gradients) -> InRow<'a> {
+        let y = span.row as f32 + 0.5;
+        let (depth, column, row) = (of.depth.in_row(y), of.column.in_row(y), of.row.in_row(y));
+        InRow { of, depth, column, row, depths: span.depths }
+    }
+
+    #[inline]
+    fn fragment(&self, column: u32) -> Fragment {
+        let (x, g) = (column as f32 + 0.5, self.of);
+        // Near edge-on planes the plane's own depth is too steep to be trusted beyond the polygon's.
+        let z = (self.depth + x * g.depth.per_column).clamp(self.depths.0, self.depths.1);
+        let c = (self.column + x * g.column.per_column).clamp(0.0, g.last_column) as u32;
+        let r = (self.row + x * g.row.per_column).clamp(0.0, g.last_row) as u32;
+        Fragment::new(z, g.first + r * g.width + c, g.faces_along)
+    }
+}
+
 /// A run of cells of one row inside one polygon.
 struct Span {
     row: u32,
@@ -196,34 +228,76 @@ pub struct Layers {
     gradients: Vec<Gradients>,
     spans: Vec<Span>,
     crossings: Vec<f32>,
+    window: Window,
 }
 
 impl Layers {
     /// Rasterises all surfaces along a PSF.
     pub fn rasterise(&mut self, outlines: &Outlines, psf: &Psf) {
         let n = psf.resolution;
-        self.resolution = n;
+        self.begin(outlines, psf);
+        for plane in &outlines.surfaces {
+            let Some(gradients) = Gradients::new(plane, psf) else { continue };
+            self.gradients.push(gradients);
+            for polygon in outlines.of(plane) {
+                self.span_polygon(polygon, n, (0, n));
+            }
+        }
+        self.fill(n);
+        self.sort();
+    }
+
+    /// Rasterises all surfaces, but only the cells that some of them cover: those that `through` names,
+    /// by surface. The cells are [`Layers::window`]; the fragments of the k-th are [`Layers::slot`] k.
+    pub fn rasterise_through(&mut self, outlines: &Outlines, psf: &Psf, through: &[bool]) {
+        let n = psf.resolution;
+        self.begin(outlines, psf);
+        self.window.clear(n);
+        let planes = || outlines.surfaces.iter().zip(through);
+        for (plane, _) in planes().filter(|(_, through)| **through) {
+            let Some(gradients) = Gradients::new(plane, psf) else { continue };
+            self.gradients.push(gradients);
+            for polygon in outlines.of(plane) {
+                self.span_polygon(polygon, n, (0, n));
+            }
+        }
+        self.spans.iter().for_each(|s| self.window.open(s.row, (s.from, s.to)));
+        self.window.close();
+        for (plane, _) in planes().filter(|(_, through)| !**through) {
+            let mut known = false;
+            for polygon in outlines.of(plane) {
+                let range = polygon.vertices.0 as usize..polygon.vertices.1 as usize;
+                if !self.window.may_meet(&self.projected[range]) {
+                    continue;
+                }
+                if !known {
+                    let Some(gradients) = Gradients::new(plane, psf) else { break };
+                    self.gradients.push(gradients);
+                    known = true;
+                }
+                self.span_polygon(polygon, n, self.window.rows());
+            }
+        }
+        self.fill_window();
+        self.sort();
+    }
+
+    fn begin(&mut self, outlines: &Outlines, psf: &Psf) {
+        self.resolution = psf.resolution;
         self.projected.clear();
         self.projected.extend(outlines.vertices.iter().map(|v| psf.project(*v)));
         self.gradients.clear();
         self.spans.clear();
-        for plane in &outlines.surfaces {
-            let Some(gradients) = Gradients::new(plane, psf) else { continue };
-            self.gradients.push(gradients);
-            for polygon in &outlines.polygons[plane.polygons.0 as usize..plane.polygons.1 as usize]
-            {
-                self.span_polygon(polygon, n);
-            }
-        }
-        self.fill(n);
-        for cell in 0..(n * n) as usize {
-            let (from, to) = (self.first[cell] as usize, self.first[cell + 1] as usize);
-            sort_few(&mut self.fragments[from..to]);
+    }
+
+    fn sort(&mut self) {
+        for bounds in self.first.windows(2) {
+            sort_few(&mut self.fragments[bounds[0] as usize..bounds[1] as usize]);
         }
     }
 
     /// Finds a polygon's spans, row by row, even-odd.
-    fn span_polygon(&mut self, polygon: &Outline, n: u32) {
+    fn span_polygon(&mut self, polygon: &Outline, n: u32, rows: (u32, u32)) {
         let loop_ = &self.projected[polygon.vertices.0 as usize..polygon.vertices.1 as usize];
         let (mut low, mut high) = (loop_[0], loop_[0]);
         for v in loop_ {
@@ -231,6 +305,7 @@ impl Layers {
             high = high.max(*v);
         }
         let (from_row, to_row) = cells_between(low.y, high.y, n);
+        let (from_row, to_row) = (from_row.max(rows.0), to_row.min(rows.1));
         for row in from_row..to_row {
             let y = row as f32 + 0.5;
             self.crossings.clear();
@@ -268,7 +343,37 @@ impl Layers {
                 *count += 1;
             }
         }
-        // Each entry becomes the end of its cell; filling moves it back to the beginning.
+        self.ends_from_counts();
+        for span in &self.spans {
+            let of = InRow::new(span, &self.gradients[span.gradients as usize]);
+            let first = (span.row * n + span.from) as usize;
+            let slots = &mut self.first[first..first + (span.to - span.from) as usize];
+            for (k, slot) in slots.iter_mut().enumerate() {
+                *slot -= 1;
+                self.fragments[*slot as usize] = of.fragment(span.from + k as u32);
+            }
+        }
+    }
+
+    /// The same for the window's cells only.
+    fn fill_window(&mut self) {
+        self.first.clear();
+        self.first.resize(self.window.cells().len() + 1, 0);
+        for span in &self.spans {
+            self.window.for_each(span.row, (span.from, span.to), |slot, _| self.first[slot] += 1);
+        }
+        self.ends_from_counts();
+        for span in &self.spans {
+            let of = InRow::new(span, &self.gradients[span.gradients as usize]);
+            self.window.for_each(span.row, (span.from, span.to), |slot, column| {
+                self.first[slot] -= 1;
+                self.fragments[self.first[slot] as usize] = of.fragment(column);
+            });
+        }
+    }
+
+    /// Each count becomes the end of its cell; filling moves it back to the beginning.
+    fn ends_from_counts(&mut self) {
         let mut total = 0;
         for count in &mut self.first {
             total += *count;
@@ -276,24 +381,16 @@ impl Layers {
         }
         self.fragments.clear();
         self.fragments.resize(total as usize, Fragment(0));
-        for span in &self.spans {
-            let g = &self.gradients[span.gradients as usize];
-            let y = span.row as f32 + 0.5;
-            let (depth, column, row) = (g.depth.in_row(y), g.column.in_row(y), g.row.in_row(y));
-            let first = (span.row * n + span.from) as usize;
-            let slots = &mut self.first[first..first + (span.to - span.from) as usize];
-            for (k, slot) in slots.iter_mut().enumerate() {
-                let x = (span.from + k as u32) as f32 + 0.5;
-                // Near edge-on planes the plane's own depth is too steep to be trusted beyond the
-                // polygon's.
-                let z = (depth + x * g.depth.per_column).clamp(span.depths.0, span.depths.1);
-                let c = (column + x * g.column.per_column).clamp(0.0, g.last_column) as u32;
-                let r = (row + x * g.row.per_column).clamp(0.0, g.last_row) as u32;
-                *slot -= 1;
-                self.fragments[*slot as usize] =
-                    Fragment::new(z, g.first + r * g.width + c, g.faces_along);
-            }
-        }
+    }
+
+    /// The cells that were rasterised through the window, row by row.
+    pub fn window(&self) -> &[Cell] {
+        self.window.cells()
+    }
+
+    /// The fragments of the window's k-th cell, or, without a window, of the k-th cell of the grid.
+    pub fn slot(&mut self, k: usize) -> &mut [Fragment] {
+        &mut self.fragments[self.first[k] as usize..self.first[k + 1] as usize]
     }
 
     /// Cells along an edge.
@@ -303,8 +400,7 @@ impl Layers {
 
     /// The fragments of the cell in column `i`, row `j`, nearest along the direction first.
     pub fn cell(&mut self, i: u32, j: u32) -> &mut [Fragment] {
-        let at = (j * self.resolution + i) as usize;
-        &mut self.fragments[self.first[at] as usize..self.first[at + 1] as usize]
+        self.slot((j * self.resolution + i) as usize)
     }
 
     /// Number of fragments over all cells.

@@ -118,6 +118,8 @@ pub struct Units {
     pub cell: f64,
     /// PSFs each direction stood for.
     pub perturbations: u32,
+    /// Whether mirrors sent on in this cycle what arrived at them in it, and keep nothing.
+    pub relays: bool,
 }
 
 impl Units {
@@ -192,6 +194,8 @@ pub fn account(
     let reflected = p(received.reflected as i128);
     let stored = stored_power(units, tally);
     let true_lines = units.power_true(tally.mirrored_true);
+    // What leaves mirrors along some lines against what arrived at them along others.
+    let relayed = if units.relays { p(tally.mirrored) } else { 0.0 };
     let income = diffuse_in + mirror_in;
     CycleLedger {
         cycle,
@@ -201,8 +205,9 @@ pub fn account(
         left: p(tally.left),
         unshot_diffuse: diffuse_out,
         unshot_mirror: stored,
-        holes: mirror_in - p(tally.shot_mirror),
+        holes: mirror_in + relayed - p(tally.shot_mirror),
         sampling: diffuse_in - p(tally.shot_diffuse) + reflected - diffuse_out + p(tally.mirrored)
+            - relayed
             - true_lines,
         quantised: true_lines - stored,
     }
@@ -246,7 +251,7 @@ mod tests {
     #[test]
     fn the_account_closes_and_shows_a_loss() {
         let quantum = Quantum::new(1.0);
-        let units = Units { quantum, share: 1.0, cell: 3.0, perturbations: 1 };
+        let units = Units { quantum, share: 1.0, cell: 3.0, perturbations: 1, relays: false };
         let watt = quantum.unit();
         let mut tally = Tally { shot_diffuse: 12, to_mirror: 4, mirrored: 3, ..Tally::default() };
         tally.left = 2;

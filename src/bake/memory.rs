@@ -11,9 +11,13 @@ use super::step::{Scratch, Shared};
 use crate::field::writer::{WAITING, WRITERS};
 use crate::ids::DirectionId;
 use crate::psf::Psf;
+use crate::scene::Scene;
 
 /// Bytes beyond the grant that a process of this program takes.
 pub const CONSTANT: u64 = 48 << 20;
+
+/// Bytes for each corner of a polygon of the hierarchy that paths are followed through.
+const A_CORNER: u64 = 256;
 
 /// Directions that are looked at before a bake begins.
 const LOOKS: u32 = 24;
@@ -117,6 +121,12 @@ impl Extent {
     }
 }
 
+/// Corners of all polygons.
+fn corners(scene: &Scene) -> u64 {
+    let polygons = scene.surfaces.iter().flat_map(|s| &s.polygons);
+    polygons.map(|p| p.vertices.len() as u64).sum()
+}
+
 /// Bytes that a bake needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Need {
@@ -135,9 +145,13 @@ impl Need {
         let cells = u64::from(shared.parameters.resolution).pow(2);
         let surfaces = shared.scene.surfaces.len() as u64;
         // Texels' surfaces and areas, and which values are sealed; surfaces and their outlines.
-        let scene = values / 2 * 8 + values / 8 + 1024 * surfaces;
+        let follows = shared.has_mirrors() && !shared.parameters.totals_from_store();
+        let hierarchy = if follows { A_CORNER * corners(shared.scene) } else { 0 };
+        let scene = values / 2 * 8 + values / 8 + 1024 * surfaces + hierarchy;
         let mirrors = values / 2 - u64::from(shared.texels.diffuse);
         let layers = 4 * cells + 12 * extent.fragments + 256 * surfaces;
+        let stores = shared.stores_mirrors();
+        let extent = if stores { *extent } else { Extent { mirror_map: 0, excerpts: 0, ..*extent } };
         // A map that is being made takes twice its bytes, and once more when it is finished.
         let scratch =
             layers + 6 * extent.mirror_map + extent.excerpts + mirrors * Scratch::A_MIRROR;

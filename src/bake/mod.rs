@@ -5,6 +5,8 @@
 //! [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
 //! [`totals`] (the last sweep).
 
+pub mod window;
+
 pub mod layers;
 
 pub mod exchange;
@@ -36,7 +38,7 @@ use crate::field::storage::Storage;
 use crate::field::storage::disk::Disk;
 use crate::field::{Field, FieldError, Terms};
 use crate::format::limits;
-use crate::format::manifest::{Parameters, Phase, Statistics};
+use crate::format::manifest::{Parameters, Phase, Specular, Statistics};
 use crate::format::tiles::exponent_for;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -302,6 +304,12 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
     }
     if p.perturbations.is_empty() || p.perturbations.iter().any(|n| *n == 0 || *n > 4096) {
         return bad("--perturb: 1 to 4096 for each cycle".to_owned());
+    }
+    if p.specular == Specular::Trace && !p.resample {
+        return bad("--resample off: with --specular trace nothing is stored to take maps from".into());
+    }
+    if !(1..=limits::SPLIT).contains(&p.split) {
+        return bad(format!("--split {}: 1 to {}", p.split, limits::SPLIT));
     }
     if p.filter > 64 {
         return bad(format!("--filter {}: 0 to 64", p.filter));

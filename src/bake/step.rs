@@ -17,11 +17,13 @@ use crate::field::pages::Pages;
 use crate::format::container::ChunkKind;
 use crate::format::manifest::Parameters;
 use crate::format::tiles::{CoveredCell, TileMapWriter};
-use crate::ids::{Cell, DirectionId, Sense, SurfaceId};
+use crate::ids::{Cell, DirectionId, Sense, Side, SurfaceId};
+use crate::paths::Paths;
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
+use crate::visible::Hit;
 
 /// What all steps of a bake share.
 pub struct Shared<'a> {
@@ -46,6 +48,11 @@ impl Shared<'_> {
     pub fn has_mirrors(&self) -> bool {
         (self.texels.diffuse as usize) < self.texels.len()
     }
+
+    /// Whether the scene has mirrors whose maps are written while light is propagated.
+    pub fn stores_mirrors(&self) -> bool {
+        self.has_mirrors() && self.parameters.stores_mirrors()
+    }
 }
 
 /// What all steps of a cycle share.
@@ -57,16 +64,21 @@ pub struct Cycle<'a> {
     pub current: &'a [Fixed],
     /// Unshot maps of mirrors; none in the first cycle and in scenes without mirrors.
     pub pages: Option<&'a Pages>,
+    /// Where mirrors' light is found by following its path; `None`: in their unshot maps.
+    pub paths: Option<Paths<'a>>,
     /// PSFs each direction stands for.
     pub perturbations: u32,
+    /// The surfaces that send, when these are few: perturbed PSFs have only the lines that meet one of
+    /// them, and the lines are counted in the unperturbed ones alone.
+    pub senders: Option<&'a [bool]>,
     /// Texture values that no light can come to.
     pub sealed: &'a Sealed,
 }
 
 impl Cycle<'_> {
     /// The value that stands for the space outside the scene.
-    fn outside(&self) -> u32 {
-        self.current.len() as u32 - 1
+    fn outside(&self) -> usize {
+        self.current.len() - 1
     }
 }
 
@@ -109,6 +121,9 @@ pub struct Made {
     pub arrived: Vec<u8>,
 }
 
+/// The gap before a line leaves the scene, in the fitted scene's units.
+const FAR: f32 = 1.0;
+
 /// Nothing comes along a line from outside the scene; but it counts as a line.
 pub const FROM_OUTSIDE: Fixed = [0, 0, 0, 1];
 
@@ -135,14 +150,14 @@ impl Scratch {
     }
 
     /// Adds a PSF's flow to the tally and lets go of its senders.
-    fn settle(&mut self, is_true: bool) {
+    fn settle(&mut self, is_stored: bool) {
         let flow = std::mem::take(&mut self.flow);
         let sum = |lines: &Fixed| i128::from(channels(lines));
         self.tally.shot_diffuse += sum(&flow.shot);
         self.tally.shot_mirror += sum(&flow.shot_mirror);
         self.tally.to_mirror += sum(&flow.to_mirror);
         self.tally.mirrored += sum(&flow.mirrored);
-        if is_true {
+        if is_stored {
             self.tally.mirrored_true += sum(&flow.mirrored);
         }
         self.tally.fragments += self.layers.len() as u64;
@@ -166,14 +181,25 @@ pub fn shoot(
     let mut made = None;
     for number in 0..cycle.perturbations {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
-        scratch.layers.rasterise(shared.outlines, &psf);
-        let line = Line { shared, cycle, psf: &psf, is_true: number == 0 };
-        let maps = match shared.directions.shares(id) {
-            2 => line.shoot::<2>(id, scratch)?,
-            _ => line.shoot::<3>(id, scratch)?,
-        };
-        made = made.or(maps);
-        scratch.settle(number == 0);
+        let line = Line { shared, cycle, psf: &psf };
+        let double = shared.directions.shares(id) == 2;
+        if let Some(senders) = cycle.senders.filter(|_| number > 0) {
+            scratch.layers.rasterise_through(shared.outlines, &psf, senders);
+            match double {
+                true => line.through_window::<2, 0>(scratch),
+                false => line.through_window::<3, 0>(scratch),
+            }
+        } else {
+            scratch.layers.rasterise(shared.outlines, &psf);
+            let stores = number == 0 && shared.stores_mirrors();
+            match (double, stores) {
+                (true, true) => made = Some(line.with_maps::<2, 1>(id, scratch)?),
+                (false, true) => made = Some(line.with_maps::<3, 1>(id, scratch)?),
+                (true, false) => line.without_maps::<2, 1>(scratch),
+                (false, false) => line.without_maps::<3, 1>(scratch),
+            }
+        }
+        scratch.settle(number == 0 && shared.stores_mirrors());
         if let Some(error) = scratch.failure.take() {
             return Err(error);
         }
@@ -186,38 +212,41 @@ struct Line<'a> {
     shared: &'a Shared<'a>,
     cycle: &'a Cycle<'a>,
     psf: &'a Psf,
-    is_true: bool,
 }
 
+/// Lines whose window is transferred at once.
+const BLOCK: usize = 256;
+
 impl Line<'_> {
-    fn shoot<const SHARES: i64>(
-        mut self,
-        id: DirectionId,
-        scratch: &mut Scratch,
-    ) -> Result<Option<Made>, FieldError> {
-        if self.is_true && self.shared.has_mirrors() {
-            return self.with_maps::<SHARES>(id, scratch).map(Some);
+    /// The lines of a window.
+    fn through_window<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
+        let count = scratch.layers.window().len();
+        for first in (0..count).step_by(BLOCK) {
+            for slot in first..(first + BLOCK).min(count) {
+                let cell = scratch.layers.window()[slot];
+                self.cell::<SHARES, COUNTS>(cell, slot, scratch);
+            }
+            self.transfer::<SHARES, COUNTS>(scratch);
         }
-        self.without_maps::<SHARES>(scratch);
-        Ok(None)
     }
 
-    fn without_maps<const SHARES: i64>(&mut self, scratch: &mut Scratch) {
+    fn without_maps<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
         // Tile by tile here too: neighbouring lines find their texels in the cache.
         let Parameters { resolution, tile: m, .. } = *self.shared.parameters;
         let n = resolution / m;
         for tile in 0..n * n {
             for inside in 0..m * m {
-                let (i, j) = (tile % n * m + inside % m, tile / n * m + inside / m);
-                self.cell::<SHARES>(Cell { i, j }, scratch);
+                let cell = Cell { i: tile % n * m + inside % m, j: tile / n * m + inside / m };
+                let slot = (cell.j * resolution + cell.i) as usize;
+                self.cell::<SHARES, COUNTS>(cell, slot, scratch);
             }
-            self.transfer::<SHARES>(scratch);
+            self.transfer::<SHARES, COUNTS>(scratch);
         }
     }
 
     /// Tile by tile, as the paper's loops go, writing what arrives at mirrors.
-    fn with_maps<const SHARES: i64>(
-        &mut self,
+    fn with_maps<const SHARES: i64, const COUNTS: i64>(
+        &self,
         id: DirectionId,
         scratch: &mut Scratch,
     ) -> Result<Made, FieldError> {
@@ -232,10 +261,11 @@ impl Line<'_> {
             scratch.tile.clear();
             for inside in 0..m * m {
                 let cell = Cell { i: s * m + inside % m, j: t * m + inside / m };
-                self.cell::<SHARES>(cell, scratch);
+                let slot = (cell.j * resolution + cell.i) as usize;
+                self.cell::<SHARES, COUNTS>(cell, slot, scratch);
                 keep_mirrors(self.shared.texels, scratch, cell, inside);
             }
-            self.transfer::<SHARES>(scratch);
+            self.transfer::<SHARES, COUNTS>(scratch);
             unshot.tile(&mut scratch.tile);
             if let Some(before) = &before {
                 for kept in &mut scratch.tile {
@@ -250,15 +280,20 @@ impl Line<'_> {
             arrived.tile(&mut scratch.tile);
         }
         let made = Made { unshot: unshot.finish(), arrived: arrived.finish() };
-        self.tally_stored::<SHARES>(&made.unshot, scratch);
+        self.tally_stored::<SHARES, COUNTS>(&made.unshot, scratch);
         Ok(made)
     }
 
-    /// Exchanges light along the line of one cell. Pairs without a mirror are put down and wait for
-    /// [`Line::transfer`].
-    fn cell<const SHARES: i64>(&mut self, cell: Cell, scratch: &mut Scratch) {
+    /// Exchanges light along the line of one cell, whose fragments have a place in the layers. Pairs
+    /// without a mirror are put down and wait for [`Line::transfer`].
+    fn cell<const SHARES: i64, const COUNTS: i64>(
+        &self,
+        cell: Cell,
+        slot: usize,
+        scratch: &mut Scratch,
+    ) {
         let diffuse = self.shared.texels.diffuse;
-        let fragments = scratch.layers.cell(cell.i, cell.j);
+        let fragments = scratch.layers.slot(slot);
         exchange::order_contacts(fragments);
         let (outside, sealed) = (self.cycle.outside(), self.cycle.sealed);
         let is_diffuse = |f: &Fragment| f.texel() < diffuse;
@@ -270,44 +305,59 @@ impl Line<'_> {
             scratch.line.extend_from_slice(fragments);
         }
         let (Some(first), Some(last)) = (fragments.first(), fragments.last()) else { return };
-        let pairs = &mut scratch.pairs;
+        let mut put = |near: usize, far: usize| {
+            // A pair in the dark only counts lines.
+            if COUNTS > 0 || self.is_lit(near) || self.is_lit(far) {
+                scratch.pairs.push([near as u32, far as u32]);
+            }
+        };
         if is_diffuse(first) && !sealed.has(first.value_against()) {
-            pairs.push([outside, first.value_against() as u32]);
+            put(outside, first.value_against());
         }
         for pair in fragments.windows(2) {
             let (near, far) = (pair[0], pair[1]);
             let diffuse = !has_mirrors || (is_diffuse(&near) && is_diffuse(&far));
             if diffuse && is_open(near, far, sealed) {
-                pairs.push([near.value_along() as u32, far.value_against() as u32]);
+                put(near.value_along(), far.value_against());
             }
         }
         if is_diffuse(last) && !sealed.has(last.value_along()) {
-            pairs.push([last.value_along() as u32, outside]);
+            put(last.value_along(), outside);
         }
         if has_mirrors {
-            self.exchange_with_mirrors::<SHARES>(cell, scratch);
+            self.exchange_with_mirrors::<SHARES, COUNTS>(cell, scratch);
         }
+    }
+
+    /// Whether a texture value sends anything.
+    fn is_lit(&self, value: usize) -> bool {
+        let [r, g, b, _] = self.cycle.current[value];
+        r | g | b != 0
     }
 
     /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
     /// from finding the pairs, so that the processor can wait for many texels at once.
-    fn transfer<const SHARES: i64>(&self, scratch: &mut Scratch) {
+    fn transfer<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
         let Scratch { pairs, sums, flow, tally, .. } = scratch;
         for [near, far] in pairs.drain(..) {
             let (near, far) = (near as usize, far as usize);
             let (along, against) = (&self.cycle.current[near], &self.cycle.current[far]);
-            add::<SHARES>(&mut sums[far], along);
-            add::<SHARES>(&mut sums[near], against);
-            add::<SHARES>(&mut flow.shot, along);
-            add::<SHARES>(&mut flow.shot, against);
+            add::<SHARES, COUNTS>(&mut sums[far], along);
+            add::<SHARES, COUNTS>(&mut sums[near], against);
+            add::<SHARES, COUNTS>(&mut flow.shot, along);
+            add::<SHARES, COUNTS>(&mut flow.shot, against);
         }
         // More leaves the scene over a cycle than one fixed number holds.
-        let left = std::mem::take(&mut sums[self.cycle.outside() as usize]);
+        let left = std::mem::take(&mut sums[self.cycle.outside()]);
         tally.left += i128::from(channels(&left));
     }
 
     /// The pairs of a line of which at least one is a mirror.
-    fn exchange_with_mirrors<const SHARES: i64>(&mut self, cell: Cell, scratch: &mut Scratch) {
+    fn exchange_with_mirrors<const SHARES: i64, const COUNTS: i64>(
+        &self,
+        cell: Cell,
+        scratch: &mut Scratch,
+    ) {
         let (count, sealed) = (scratch.line.len(), self.cycle.sealed);
         let is_mirror = |f: Fragment| f.texel() >= self.shared.texels.diffuse;
         for gap in 0..=count {
@@ -324,18 +374,22 @@ impl Line<'_> {
             if !open {
                 continue;
             }
-            let along = self.sent::<SHARES>(cell, near, Sense::Along, scratch);
-            let against = self.sent::<SHARES>(cell, far, Sense::Against, scratch);
+            let gap = match (near, far) {
+                (Some((_, near)), Some((_, far))) => far.depth() - near.depth(),
+                _ => FAR,
+            };
+            let along = self.sent::<SHARES, COUNTS>((cell, gap), near, Sense::Along, scratch);
+            let against = self.sent::<SHARES, COUNTS>((cell, gap), far, Sense::Against, scratch);
             // What goes along arrives at the far one's side that faces against the direction.
-            self.received::<SHARES>(far, &along, Sense::Against, scratch);
-            self.received::<SHARES>(near, &against, Sense::Along, scratch);
+            self.received::<SHARES, COUNTS>(far, &along, Sense::Against, scratch);
+            self.received::<SHARES, COUNTS>(near, &against, Sense::Along, scratch);
         }
     }
 
-    /// What a fragment sends, or what comes from outside the scene.
-    fn sent<const SHARES: i64>(
+    /// What a fragment sends over a gap, or what comes from outside the scene.
+    fn sent<const SHARES: i64, const COUNTS: i64>(
         &self,
-        cell: Cell,
+        (cell, gap): (Cell, f32),
         sender: Option<(usize, Fragment)>,
         sense: Sense,
         scratch: &mut Scratch,
@@ -343,16 +397,19 @@ impl Line<'_> {
         let Some((_, fragment)) = sender else { return FROM_OUTSIDE };
         if fragment.texel() < self.shared.texels.diffuse {
             let line = self.cycle.current[fragment.value(sense)];
-            add::<SHARES>(&mut scratch.flow.shot, &line);
+            add::<SHARES, COUNTS>(&mut scratch.flow.shot, &line);
             return line;
         }
-        let line = self.mirror(cell, fragment, sense, scratch);
-        add::<SHARES>(&mut scratch.flow.shot_mirror, &line);
+        let line = match &self.cycle.paths {
+            Some(paths) => self.traced(paths, (cell, gap), fragment, sense, scratch),
+            None => self.mirror(cell, fragment, sense, scratch),
+        };
+        add::<SHARES, COUNTS>(&mut scratch.flow.shot_mirror, &line);
         line
     }
 
     /// Takes what arrives at a fragment, or leaves the scene.
-    fn received<const SHARES: i64>(
+    fn received<const SHARES: i64, const COUNTS: i64>(
         &self,
         receiver: Option<(usize, Fragment)>,
         line: &Fixed,
@@ -360,18 +417,42 @@ impl Line<'_> {
         scratch: &mut Scratch,
     ) {
         match receiver {
-            None => add::<SHARES>(&mut scratch.sums[self.cycle.outside() as usize], line),
+            None => add::<SHARES, COUNTS>(&mut scratch.sums[self.cycle.outside()], line),
             Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
-                add::<SHARES>(&mut scratch.sums[f.value(sense)], line);
+                add::<SHARES, COUNTS>(&mut scratch.sums[f.value(sense)], line);
             }
             Some((k, f)) => {
-                self.arrive::<SHARES>(f, line, &mut scratch.flow);
+                self.arrive::<SHARES, COUNTS>(f, line, &mut scratch.flow);
                 scratch.arrived[k][sense.slot()] = self.shared.quantum.radiance(*line);
             }
         }
     }
 
-    /// What a mirror sends from its fragment in a cell.
+    /// What a mirror sends from its fragment in a cell, found at the end of its path.
+    fn traced(
+        &self,
+        paths: &Paths,
+        (cell, gap): (Cell, f32),
+        fragment: Fragment,
+        sense: Sense,
+        scratch: &mut Scratch,
+    ) -> Fixed {
+        let Shared { scene, texels, quantum, .. } = *self.shared;
+        let surface = SurfaceId(texels.surface_of[fragment.texel() as usize]);
+        let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
+        let point = self.psf.unproject(x, y, fragment.depth());
+        let outgoing = self.psf.direction * sense.sign();
+        let side = Side::facing(scene.surface(surface).normal.dot(outgoing));
+        let hit = Hit { surface, point, distance: gap, side };
+        scratch.tally.gathers += 1;
+        let radiance = paths.radiance(-outgoing, &hit, self.cycle.number == 0, |end| {
+            let texel = texels.at(end.surface, scene.surface(end.surface), end.point) as usize;
+            quantum.radiance(self.cycle.current[2 * texel + end.side.index()])
+        });
+        quantum.fixed(radiance)
+    }
+
+    /// What a mirror sends from its fragment in a cell, from what has arrived at it.
     fn mirror(&self, cell: Cell, fragment: Fragment, sense: Sense, scratch: &mut Scratch) -> Fixed {
         let texels = self.shared.texels;
         let slot = 2 * (fragment.texel() - texels.diffuse) as usize + sense.slot();
@@ -398,16 +479,16 @@ impl Line<'_> {
     }
 
     /// Accounts for light that arrives at a mirror.
-    fn arrive<const SHARES: i64>(&self, fragment: Fragment, line: &Fixed, flow: &mut Flow) {
+    fn arrive<const SHARES: i64, const COUNTS: i64>(&self, fragment: Fragment, line: &Fixed, flow: &mut Flow) {
         let surface = SurfaceId(self.shared.texels.surface_of[fragment.texel() as usize]);
         let rho = self.shared.scene.material_of(surface).reflectance.factor().0;
         let reflected = |c: usize| (line[c] as f64 * f64::from(rho[c])) as i64;
-        add::<SHARES>(&mut flow.to_mirror, line);
-        add::<SHARES>(&mut flow.mirrored, &[reflected(0), reflected(1), reflected(2), 0]);
+        add::<SHARES, COUNTS>(&mut flow.to_mirror, line);
+        add::<SHARES, COUNTS>(&mut flow.mirrored, &[reflected(0), reflected(1), reflected(2), 0]);
     }
 
     /// Accounts for the unshot radiance as it was stored.
-    fn tally_stored<const SHARES: i64>(&self, unshot: &[u8], scratch: &mut Scratch) {
+    fn tally_stored<const SHARES: i64, const COUNTS: i64>(&self, unshot: &[u8], scratch: &mut Scratch) {
         let Parameters { resolution, tile, .. } = *self.shared.parameters;
         let surfaces = self.shared.scene.surfaces.len() as u32;
         let check = crate::format::tiles::Layout::check;

@@ -1,20 +1,23 @@
 //! The last sweep: total radiance maps L_T of every surface, written once.
 //!
 //! Transport is linear, so a diffuse surface's total map is a resampling of its Total Texture Map. A
-//! mirror's total map holds what arrived at it, stored where it arrived; a lookup mirrors the
-//! direction first. (The paper stores what a mirror sends; then a lookup between directions would
+//! mirror's total map holds what arrives at it, stored where it arrives; a lookup mirrors the
+//! direction first. What arrives is found along the true path `S* D` (backward ray-traced resampling,
+//! section 5), or is what was stored while light was propagated. (The paper stores what a mirror sends; then a lookup between directions would
 //! blur a second time what the gather has blurred once.)
 
-use super::layers::Layers;
+use super::exchange;
+use super::layers::{Fragment, Layers};
 use super::step::Shared;
-use crate::field::FieldError;
 use crate::field::pages::Page;
 use crate::format::manifest::Parameters;
 use crate::format::tiles::{CoveredCell, TileMapWriter};
 use crate::ids::{Cell, DirectionId, Sense, Side, SurfaceId};
+use crate::paths::Paths;
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::texels;
+use crate::visible::Hit;
 
 /// A worker's own memory, reused from direction to direction.
 #[derive(Default)]
@@ -27,19 +30,26 @@ pub struct Scratch {
     pub entries: u64,
 }
 
+/// Where the total maps of mirrors come from.
+#[derive(Clone, Copy)]
+pub enum Mirrors<'a> {
+    /// There are none.
+    None,
+    /// From the direction's map of what arrived at mirrors.
+    Stored(&'a Page),
+    /// From the ends of paths.
+    Traced(Paths<'a>),
+}
+
 /// The bytes of a direction's total radiance map. `total` is P^T, two values a texel; `lit` says for
-/// each surface and side whether any of it is not black; `arrived` is the direction's map of what
-/// arrived at mirrors.
-///
-/// # Errors
-/// None so far; steps of the other kind can fail.
+/// each surface and side whether any of it is not black.
 pub fn total_map(
     shared: &Shared,
     id: DirectionId,
     (total, lit): (&[Rgb], &[[bool; 2]]),
-    arrived: Option<&Page>,
+    mirrors: Mirrors,
     scratch: &mut Scratch,
-) -> Result<Vec<u8>, FieldError> {
+) -> Vec<u8> {
     let Parameters { resolution, tile: m, .. } = *shared.parameters;
     let psf = Psf::new(shared.directions.vector(id), resolution);
     scratch.layers.rasterise(shared.outlines, &psf);
@@ -50,34 +60,53 @@ pub fn total_map(
         scratch.tile.clear();
         for inside in 0..m * m {
             let cell = Cell { i: tile % n * m + inside % m, j: tile / n * m + inside / m };
-            for fragment in scratch.layers.cell(cell.i, cell.j) {
-                let id = SurfaceId(shared.texels.surface_of[fragment.texel() as usize]);
-                let mut radiance = [Rgb::BLACK; 2];
-                if fragment.texel() >= shared.texels.diffuse {
-                    if let Some(entry) = arrived.and_then(|p| p.map().entry(cell, id)) {
-                        radiance = [Sense::Along, Sense::Against]
-                            .map(|sense| entry.radiance(cell, sense).unwrap_or_default());
-                    }
-                } else {
-                    let surface = shared.scene.surface(id);
-                    let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
-                    let point = psf.unproject(x, y, fragment.depth());
-                    radiance = [Sense::Along, Sense::Against].map(|sense| {
-                        let front = fragment.faces_along() == (sense == Sense::Along);
-                        let side = if front { Side::Front } else { Side::Back };
-                        if !lit[id.index()][side.index()] {
-                            return Rgb::BLACK;
-                        }
-                        texels::sample(shared.texels, total, id, surface, side, point)
-                    });
+            let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
+            let fragments = scratch.layers.cell(cell.i, cell.j);
+            exchange::order_contacts(fragments);
+            let hit = |fragment: Fragment, facing: Sense, distance: f32| {
+                let surface = SurfaceId(shared.texels.surface_of[fragment.texel() as usize]);
+                let front = fragment.faces_along() == (facing == Sense::Along);
+                let side = if front { Side::Front } else { Side::Back };
+                Hit { surface, point: psf.unproject(x, y, fragment.depth()), distance, side }
+            };
+            let diffuse = |at: &Hit| {
+                if !lit[at.surface.index()][at.side.index()] {
+                    return Rgb::BLACK;
                 }
+                let surface = shared.scene.surface(at.surface);
+                texels::sample(shared.texels, total, at.surface, surface, at.side, at.point)
+            };
+            for (k, fragment) in fragments.iter().enumerate() {
+                let id = SurfaceId(shared.texels.surface_of[fragment.texel() as usize]);
+                let is_mirror = fragment.texel() >= shared.texels.diffuse;
+                let radiance = [Sense::Along, Sense::Against].map(|sense| match mirrors {
+                    _ if !is_mirror => diffuse(&hit(*fragment, sense, 0.0)),
+                    Mirrors::None => Rgb::BLACK,
+                    Mirrors::Stored(page) => {
+                        let entry = page.map().entry(cell, id);
+                        entry.and_then(|e| e.radiance(cell, sense)).unwrap_or_default()
+                    }
+                    // What the neighbour on the line sends.
+                    Mirrors::Traced(paths) => {
+                        let (other, facing) = match sense {
+                            Sense::Along => (fragments.get(k + 1), Sense::Against),
+                            Sense::Against => (k.checked_sub(1).map(|b| &fragments[b]), Sense::Along),
+                        };
+                        let gap = |o: &Fragment| (o.depth() - fragment.depth()).abs();
+                        let apart = other.filter(|o| gap(o) > exchange::CONTACT);
+                        apart.map_or(Rgb::BLACK, |o| {
+                            let (hit, away) = (hit(*o, facing, gap(o)), psf.direction * sense.sign());
+                            paths.radiance(away, &hit, true, diffuse)
+                        })
+                    }
+                });
                 scratch.tile.push(CoveredCell { surface: id, cell: inside, radiance });
             }
         }
         writer.tile(&mut scratch.tile);
     }
     scratch.entries += writer.entry_count() as u64;
-    Ok(writer.finish())
+    writer.finish()
 }
 
 /// For each surface and side, whether any texture value is not black.

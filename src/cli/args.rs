@@ -5,6 +5,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::str::FromStr;
 use vlf::bake::quality::Quality;
+use vlf::{Specular, Transfer};
 use vlf::look::render::method::Method;
 
 const AFTER: &str = "\
@@ -133,6 +134,21 @@ pub struct Baking {
     /// Surfaces have a front only, as in the paper; their backs are black
     #[arg(long)]
     pub one_sided: bool,
+    /// How light goes from texels to cells and back: `clip` by exact area of overlap, `sample` by
+    /// the texel on each cell's middle ray
+    #[arg(long, value_enum, default_value = "sample")]
+    pub transfer: TransferName,
+    /// How mirrors send light on: `trace` follows its true path, `maps` interpolates stored maps
+    /// between directions, as in the paper
+    #[arg(long, value_enum, default_value = "trace")]
+    pub specular: SpecularName,
+    /// Whether mirrors' total maps are found along true paths after the last cycle; `off`, with
+    /// `--specular maps`, leaves them as they were propagated
+    #[arg(long, value_enum, default_value = "on")]
+    pub resample: Switch,
+    /// Rays along an edge of each cell that a surface's border runs through
+    #[arg(long, default_value_t = 1)]
+    pub split: u32,
     /// Edge of a texel of the diffuse texture maps, in cells
     #[arg(long, default_value_t = 1.0)]
     pub texel: f64,
@@ -241,6 +257,55 @@ pub struct Scene {
     /// For `boxes`: which arrangement
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+}
+
+/// `--transfer`.
+#[derive(Clone, Copy, ValueEnum)]
+pub enum TransferName {
+    /// By the texel on the middle ray
+    Sample,
+    /// By area of overlap
+    Clip,
+}
+
+impl From<TransferName> for Transfer {
+    fn from(name: TransferName) -> Transfer {
+        match name {
+            TransferName::Sample => Transfer::Sample,
+            TransferName::Clip => Transfer::Clip,
+        }
+    }
+}
+
+/// `--specular`.
+#[derive(Clone, Copy, ValueEnum)]
+pub enum SpecularName {
+    /// Stored maps
+    Maps,
+    /// True paths
+    Trace,
+}
+
+impl From<SpecularName> for Specular {
+    fn from(name: SpecularName) -> Specular {
+        match name {
+            SpecularName::Maps => Specular::Maps,
+            SpecularName::Trace => Specular::Trace,
+        }
+    }
+}
+
+/// On or off.
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+pub enum Switch {
+    On,
+    Off,
+}
+
+impl Switch {
+    pub fn is_on(self) -> bool {
+        self == Switch::On
+    }
 }
 
 /// `--quality`.

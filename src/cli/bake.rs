@@ -82,6 +82,10 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         texel_cells: a.texel,
         filter: a.filter,
         one_sided: a.one_sided,
+        transfer: a.transfer.into(),
+        specular: a.specular.into(),
+        resample: a.resample.is_on(),
+        split: a.split,
     }
 }
 
@@ -101,17 +105,7 @@ pub fn threads(asked: Option<usize>) -> anyhow::Result<usize> {
 
 /// Parameters of a quality at the default size.
 pub fn defaults(quality: Quality) -> Parameters {
-    Parameters {
-        directions: 2049,
-        resolution: 128,
-        tile: 16,
-        cycles: None,
-        unshot_fraction: UNSHOT_FRACTION,
-        perturbations: quality.perturbations(),
-        texel_cells: 1.0,
-        filter: FILTER,
-        one_sided: false,
-    }
+    Parameters { perturbations: quality.perturbations(), ..Parameters::default() }
 }
 
 /// The least that the control groups of this process allow it, where there are any.

@@ -11,7 +11,7 @@ use vlf::look::image::{write_exr, write_png};
 use vlf::look::render::Options;
 use vlf::look::render::method::Method;
 use vlf::look::tone;
-use vlf::look::visible::Visible;
+use vlf::Visible;
 use vlf::scene::bundled;
 use vlf::{LightField, Parameters, Scene};
 

@@ -9,7 +9,7 @@ use std::path::Path;
 use vlf::look::image::{Picture, write_exr, write_png};
 use vlf::look::render::{Options, method};
 use vlf::look::tone;
-use vlf::look::visible::Visible;
+use vlf::Visible;
 use vlf::{Camera, DirectionId, LightField};
 
 /// Damaged directions that a warning names.

@@ -407,6 +407,9 @@ mod tests {
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
+            specular: Specular::Maps,
+            resample: false,
+            ..Parameters::default()
         }
     }
 

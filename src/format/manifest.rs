@@ -28,6 +28,65 @@ pub struct Parameters {
     pub filter: u32,
     /// Whether surfaces have a front only.
     pub one_sided: bool,
+    /// How light goes from texels to cells and from cells to texels.
+    pub transfer: Transfer,
+    /// How mirrors send light on.
+    pub specular: Specular,
+    /// Whether mirrors' total maps are found along true paths after the last cycle.
+    pub resample: bool,
+    /// Rays along an edge of a cell that a surface's border runs through; 1: as in any other.
+    pub split: u32,
+}
+
+/// How light goes from texels to cells and from cells to texels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Transfer {
+    /// From and to the texel that a cell's middle ray meets.
+    Sample,
+    /// From and to all texels that the cell overlaps, by the area of the overlap (section 4.2).
+    Clip,
+}
+
+/// How mirrors send light on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Specular {
+    /// From their unshot maps: what arrived in one cycle, interpolated, leaves in the next (section 4.3).
+    Maps,
+    /// By following the true path back to a diffuse surface, in the same cycle; nothing is stored.
+    Trace,
+}
+
+impl Default for Parameters {
+    /// Those of `vlf bake` without options, but for one grid a direction.
+    fn default() -> Parameters {
+        Parameters {
+            directions: 2049,
+            resolution: 128,
+            tile: 16,
+            cycles: None,
+            unshot_fraction: 1e-3,
+            perturbations: vec![1],
+            texel_cells: 1.0,
+            filter: 0,
+            one_sided: false,
+            transfer: Transfer::Sample,
+            specular: Specular::Trace,
+            resample: true,
+            split: 1,
+        }
+    }
+}
+
+impl Parameters {
+    /// Whether mirrors' maps are written while light is propagated.
+    pub fn stores_mirrors(&self) -> bool {
+        self.specular == Specular::Maps
+    }
+
+    /// Whether mirrors' total maps are what was stored of them.
+    pub fn totals_from_store(&self) -> bool {
+        self.stores_mirrors() && !self.resample
+    }
 }
 
 /// Where a bake stands.
@@ -260,7 +319,7 @@ impl Manifest {
         if !same || self.done.len() != (p.directions as usize).div_ceil(8) {
             return Err(Fault::invalid("its parameters are not those of its first block"));
         }
-        let filter = p.filter <= 64;
+        let filter = p.filter <= 64 && (1..=limits::SPLIT).contains(&p.split);
         if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() || !filter {
             return Err(Fault::invalid("its parameters are out of range"));
         }

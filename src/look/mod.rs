@@ -8,8 +8,6 @@ pub mod mapping;
 
 pub mod lightfield;
 
-pub mod visible;
-
 pub mod image;
 
 pub mod tone;
@@ -17,6 +15,3 @@ pub mod tone;
 pub mod compare;
 
 pub mod render;
-
-#[cfg(test)]
-mod test_scenes;

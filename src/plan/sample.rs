@@ -69,7 +69,7 @@ impl Sample {
         let look = |scratch: &mut (Layers, totals::Scratch), id: DirectionId| {
             let extent = extent(shared, id, &mut scratch.0);
             let total = (rehearsal.total.as_slice(), lit.as_slice());
-            let map = totals::total_map(shared, id, total, None, &mut scratch.1)?;
+            let map = totals::total_map(shared, id, total, totals::Mirrors::None, &mut scratch.1);
             let failed = FieldError::io("encode", Path::new("total map"));
             let zstd = encode(Codec::Zstd, &map).map_err(failed)?.len() as u64;
             Ok(Look { extent, raw: map.len() as u64, zstd })

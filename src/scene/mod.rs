@@ -37,6 +37,9 @@ mod read;
 #[cfg(test)]
 mod tests;
 
+#[cfg(test)]
+pub mod test_scenes;
+
 pub mod camera;
 
 pub mod bundled;

@@ -17,7 +17,7 @@ use vlf::field::{Terms, read_manifest};
 use vlf::format::manifest::Manifest;
 use vlf::look::image::Picture;
 use vlf::look::render::method::{Method, take};
-use vlf::look::visible::Visible;
+use vlf::Visible;
 use vlf::{Camera, LightField, Parameters, Scene};
 
 /// The folders under `scenes/`.
@@ -87,6 +87,7 @@ pub fn parameters(directions: u32, resolution: u32, cycles: u32) -> Parameters {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
+        ..Parameters::default()
     }
 }
 

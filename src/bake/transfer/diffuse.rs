@@ -15,13 +15,14 @@ use crate::scene::texels::{Lattice, Texels};
 /// neighbours: it lies mostly outside its polygon or in contact with another.
 const FAITHFUL: f32 = 0.25;
 
-/// P^N from the sums of a cycle, two values a texel, W sr^-1 m^-2. `lines` is what a whole texel of
-/// unit area would have in the fourth channel of its sum; `filter` is the number of passes of the filter.
+/// P^N from the sums of a cycle, two values a texel, W sr^-1 m^-2. `struck` says how many lines struck
+/// a value, with or without light; a whole texel of unit area would have `lines` of them; `filter` is
+/// the number of passes of the filter.
 pub fn next_textures(
     scene: &Scene,
     texels: &Texels,
-    sums: &[Fixed],
-    (quantum, lines): (Quantum, f64),
+    (sums, quantum): (&[Fixed], Quantum),
+    (struck, lines): (&dyn Fn(usize) -> f64, f64),
     (filter, one_sided): (u32, bool),
 ) -> Vec<Rgb> {
     let mut next = vec![Rgb::BLACK; 2 * texels.len()];
@@ -32,7 +33,7 @@ pub fn next_textures(
             let rho = diffuse_factor(scene, id);
             let per_texel = 1.0 / f64::from(lattice.density.x * lattice.density.y);
             let expected = (lines * per_texel) as f32;
-            let filtered = Filtered::new(lattice, side, sums, quantum, filter);
+            let filtered = Filtered::new(lattice, side, (sums, quantum), struck, filter);
             if rho.is_black() || !one_side(lattice, side, &filtered, expected, &mut next) {
                 continue;
             }
@@ -72,8 +73,8 @@ impl Filtered {
     fn new(
         lattice: &Lattice,
         side: usize,
-        sums: &[Fixed],
-        quantum: Quantum,
+        (sums, quantum): (&[Fixed], Quantum),
+        struck: &dyn Fn(usize) -> f64,
         passes: u32,
     ) -> Filtered {
         let sum = |texel: usize| sums[2 * texel + side];
@@ -82,7 +83,7 @@ impl Filtered {
         let radiance = |t| [channel(t, 0), channel(t, 1), channel(t, 2)];
         let mut filtered = Filtered {
             radiance: texel_range(lattice).map(radiance).collect(),
-            lines: texel_range(lattice).map(|t| sum(t)[3] as f64).collect(),
+            lines: texel_range(lattice).map(|t| struck(2 * t + side)).collect(),
         };
         let (width, height) = (lattice.width as usize, lattice.height as usize);
         for _ in 0..passes {
@@ -224,10 +225,12 @@ mod tests {
         for texel in texel_range(&lattice) {
             let at = texel as u32 - lattice.first;
             for _ in 0..lines(at % lattice.width, at / lattice.width) {
-                crate::bake::transfer::add::<3>(&mut sums[2 * texel], &line);
+                crate::bake::transfer::add::<3, 1>(&mut sums[2 * texel], &line);
             }
         }
-        let next = next_textures(&scene, &texels, &sums, (quantum, 3000.0), (0, false));
+        let struck = |value: usize| sums[value][3] as f64;
+        let next =
+            next_textures(&scene, &texels, (&sums, quantum), (&struck, 3000.0), (0, false));
         (diffuse_factor(&scene, SurfaceId(0)), lattice, next)
     }
 

@@ -43,11 +43,12 @@ impl Quantum {
     }
 }
 
-/// Adds `SHARES` times a line's radiance to a sum.
-pub fn add<const SHARES: i64>(sum: &mut Fixed, line: &Fixed) {
-    for (s, l) in sum.iter_mut().zip(line) {
+/// Adds `SHARES` times a line's radiance to a sum; the line counts `COUNTS` times that.
+pub fn add<const SHARES: i64, const COUNTS: i64>(sum: &mut Fixed, line: &Fixed) {
+    for (s, l) in sum.iter_mut().zip(line).take(3) {
         *s += l * SHARES;
     }
+    sum[3] += line[3] * SHARES * COUNTS;
 }
 
 #[cfg(test)]
@@ -73,8 +74,9 @@ mod tests {
     #[test]
     fn shares_count_lines_as_well_as_radiance() {
         let mut sum = [0; 4];
-        add::<3>(&mut sum, &[1, 2, 3, 1]);
-        add::<2>(&mut sum, &[10, 20, 30, 1]);
-        assert_eq!(sum, [23, 46, 69, 5]);
+        add::<3, 1>(&mut sum, &[1, 2, 3, 1]);
+        add::<2, 1>(&mut sum, &[10, 20, 30, 1]);
+        add::<2, 0>(&mut sum, &[100, 0, 0, 1]);
+        assert_eq!(sum, [223, 46, 69, 5]);
     }
 }

@@ -2,7 +2,7 @@ use super::*;
 use crate::field::storage::faulty::{Faults, Faulty};
 use crate::field::storage::memory::Memory;
 use crate::format::container::{self, ChunkId, Codec};
-use crate::format::manifest::{Parameters, header};
+use crate::format::manifest::{Parameters, Specular, header};
 use crate::format::tiles::{CoveredCell, TileMapWriter};
 use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
@@ -25,6 +25,9 @@ fn head(direction: u32) -> Header {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
+        specular: Specular::Maps,
+        resample: false,
+        ..Parameters::default()
     };
     header(FileKind::Tiles, [1; 16], &parameters, 1, 0, (1, direction))
 }

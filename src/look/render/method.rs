@@ -1,12 +1,13 @@
 //! The two methods of section 6, ready to take pictures of an opened field.
 
-use super::raytrace::{MAX_DEPTH, Raytrace};
+use super::raytrace::Raytrace;
 use super::{Options, render};
 use crate::format::FormatError;
 use crate::look::image::Picture;
 use crate::look::lightfield::LightField;
 use crate::look::tone::auto_exposure;
-use crate::look::visible::{Hit, Visible};
+use crate::paths::{MAX_DEPTH, Paths};
+use crate::visible::{Hit, Visible};
 use crate::radiance::Rgb;
 use crate::scene::camera::Camera;
 use glam::Vec3;
@@ -78,13 +79,8 @@ fn taken(
     let failure = OnceLock::new();
     let picture = match method {
         Method::Trace => {
-            let trace = Raytrace {
-                scene,
-                visible,
-                texels: &field.texels,
-                values: &field.total,
-                max_depth: MAX_DEPTH,
-            };
+            let paths = Paths { scene, visible, max_depth: MAX_DEPTH };
+            let trace = Raytrace { paths, texels: &field.texels, values: &field.total };
             let radiance = |dir: Vec3, hit: &Hit| trace.radiance(dir, hit);
             render(scene, visible, camera, options, &radiance, progress)
         }

@@ -5,7 +5,7 @@
 //! points of its square, a box filter; more of them where they disagree. Same bits for every run and any number of threads.
 
 use crate::look::image::Picture;
-use crate::look::visible::{Hit, Visible};
+use crate::visible::{Hit, Visible};
 use crate::radiance::Rgb;
 use crate::scene::{Scene, camera::Camera};
 use glam::Vec3;
@@ -160,7 +160,7 @@ fn hash(mut x: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::look::test_scenes::room;
+    use crate::scene::test_scenes::room;
     use glam::DVec3;
 
     fn camera(width: u32, height: u32) -> Camera {

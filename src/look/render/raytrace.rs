@@ -1,93 +1,43 @@
 //! The second method of section 6: diffuse surfaces from the Total Texture Map, mirrors by rays.
 //!
-//! In: the texture maps P^T and a hit of an eye ray. Out: its radiance, over the path `E S* D`. The
-//! paths have one branch, so a hit costs one ray for each mirror on its way.
+//! In: the texture maps P^T and a hit of an eye ray. Out: its radiance, over the path `E S* D`.
 
-use crate::ids::Side;
-use crate::look::visible::{Hit, Visible};
+use crate::paths::Paths;
 use crate::radiance::Rgb;
 use crate::scene::texels::{self, Texels};
-use crate::scene::{Reflectance, Scene};
+use crate::visible::Hit;
 use glam::Vec3;
-
-/// The default bound on mirrors in one path.
-pub const MAX_DEPTH: u32 = 64;
-
-/// A path that would carry less than this part of what it finds is given up.
-const LEAST_THROUGHPUT: f32 = 1e-4;
-
-/// Height above a mirror at which the reflected ray starts, in the fitted scene's units.
-const LIFT: f32 = 1e-5;
 
 /// Everything that the method looks at.
 #[derive(Clone, Copy)]
 pub struct Raytrace<'a> {
-    /// The scene.
-    pub scene: &'a Scene,
-    /// Its hierarchy.
-    pub visible: &'a Visible,
+    /// The scene's paths.
+    pub paths: Paths<'a>,
     /// Where the texture maps lie.
     pub texels: &'a Texels,
     /// P^T, two values a texel (see [`texels::sample`]), emission included, W sr^-1 m^-2.
     pub values: &'a [Rgb],
-    /// The most mirrors that a path may meet; see [`MAX_DEPTH`].
-    pub max_depth: u32,
 }
 
 impl Raytrace<'_> {
     /// Radiance from a hit along the unit direction `dir`, which points from the eye to the hit.
     /// W sr^-1 m^-2.
-    pub fn radiance(&self, mut dir: Vec3, hit: &Hit) -> Rgb {
-        let mut hit = *hit;
-        let mut carried = Rgb::splat(1.0);
-        let mut found = Rgb::BLACK;
-        for _ in 0..=self.max_depth {
-            let surface = self.scene.surface(hit.surface);
-            let material = self.scene.material_of(hit.surface);
-            let factor = match material.reflectance {
-                Reflectance::Diffuse(_) => {
-                    let id = hit.surface;
-                    let at = hit.point;
-                    let total = texels::sample(self.texels, self.values, id, surface, hit.side, at);
-                    return found + carried * total;
-                }
-                Reflectance::Mirror(factor) => factor,
-            };
-            if hit.side == Side::Front {
-                found += carried * material.emitted;
-            }
-            carried = carried * factor;
-            if carried.max() < LEAST_THROUGHPUT {
-                break;
-            }
-            let (origin, reflected) = reflect(dir, &hit, surface.normal);
-            match self.visible.nearest_but(origin, reflected, 0.0, Some(hit.surface)) {
-                Some(next) => (hit, dir) = (next, reflected),
-                None => break,
-            }
-        }
-        found
+    pub fn radiance(&self, dir: Vec3, hit: &Hit) -> Rgb {
+        self.paths.radiance(dir, hit, true, |at| {
+            let surface = self.paths.scene.surface(at.surface);
+            texels::sample(self.texels, self.values, at.surface, surface, at.side, at.point)
+        })
     }
-}
-
-/// The ray that leaves a mirror, origin and unit direction.
-pub fn reflect(dir: Vec3, hit: &Hit, normal: Vec3) -> (Vec3, Vec3) {
-    let normal = normal * hit.side.sign();
-    let cosine = -dir.dot(normal);
-    let reflected = (dir + normal * (2.0 * cosine)).normalize();
-    // In a corner the rounded point may lie behind the neighbouring wall, and a ray from there would
-    // leave the scene. The arriving ray was still inside a little earlier, so start above that place.
-    let back = (LIFT / cosine.max(0.25)).min(0.5 * hit.distance);
-    let foot = hit.point - (dir + normal * cosine) * back;
-    (foot + normal * LIFT, reflected)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::ids::{MaterialId, SurfaceId};
-    use crate::look::test_scenes::{Dice, material, quad, room, scene_of};
-    use crate::scene::Surface;
+    use crate::paths::MAX_DEPTH;
+    use crate::scene::test_scenes::{Dice, material, quad, room, scene_of};
+    use crate::scene::{Reflectance, Scene, Surface};
+    use crate::visible::Visible;
 
     /// The room with walls of material 0 (diffuse) and those numbered in `mirrors` of material 1.
     fn with_mirrors(mirrors: &[usize], factor: f32, emitted: f32) -> Scene {
@@ -108,13 +58,8 @@ mod tests {
         let visible = Visible::new(scene);
         let texels = Texels::new(scene, 0.125);
         let values = values(&texels);
-        let method = Raytrace {
-            scene,
-            visible: &visible,
-            texels: &texels,
-            values: &values,
-            max_depth: MAX_DEPTH,
-        };
+        let paths = Paths { scene, visible: &visible, max_depth: MAX_DEPTH };
+        let method = Raytrace { paths, texels: &texels, values: &values };
         method.radiance(dir, &visible.nearest(from, dir, 0.0).unwrap())
     }
 
@@ -161,13 +106,8 @@ mod tests {
         let visible = Visible::new(&scene);
         let texels = Texels::new(&scene, 0.5);
         let values = vec![Rgb::splat(1.0); 2 * texels.len()];
-        let trace = Raytrace {
-            scene: &scene,
-            visible: &visible,
-            texels: &texels,
-            values: &values,
-            max_depth: 10_000,
-        };
+        let paths = Paths { scene: &scene, visible: &visible, max_depth: 10_000 };
+        let trace = Raytrace { paths, texels: &texels, values: &values };
         let mut dice = Dice(9);
         for i in 0..20_000 {
             let near = 10f32.powi(-(i % 8));

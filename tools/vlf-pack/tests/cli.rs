@@ -23,6 +23,7 @@ fn field(path: &Path, stop: bool) {
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
+        ..Parameters::default()
     };
     let stop = AtomicBool::new(stop);
     let options = Options {

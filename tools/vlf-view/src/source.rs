@@ -6,7 +6,7 @@ use std::path::Path;
 use vlf::look::image::Picture;
 use vlf::look::render::Options;
 use vlf::look::render::method::{self, take};
-use vlf::look::visible::Visible;
+use vlf::Visible;
 use vlf::{Camera, LightField};
 
 /// Which method of the paper's section 6 takes the pictures.

@@ -255,7 +255,7 @@ fn hierarchy(triangles: &[Triangle]) -> CwBvh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::look::test_scenes::{Dice, quad, room, scene_of, soup};
+    use crate::scene::test_scenes::{Dice, quad, room, scene_of, soup};
 
     fn by_looking_at_all(visible: &Visible, o: Vec3, d: Vec3, t_min: f32) -> f64 {
         let hits = visible.facets.iter().map(|f| f.meet(o.as_dvec3(), d.as_dvec3()));

@@ -1,0 +1,80 @@
+//! Paths `S* D`: from a hit through any number of mirrors to the diffuse surface behind them.
+//!
+//! In: the scene, its [`Visible`], and a hit with the direction in which it was met. Out: what the
+//! hit's surface sends back. Mirrors are ideal, so a path has one branch and costs one ray for each
+//! mirror on its way. Baking follows them from the lines that meet mirrors (backward ray tracing,
+//! section 5), looking from the eye (`E S* D`, section 6).
+
+use crate::ids::Side;
+use crate::radiance::Rgb;
+use crate::scene::{Reflectance, Scene};
+use crate::visible::{Hit, Visible};
+use glam::Vec3;
+
+/// The default bound on mirrors in one path.
+pub const MAX_DEPTH: u32 = 64;
+
+/// A path that would carry less than this part of what it finds is given up.
+const LEAST_THROUGHPUT: f32 = 1e-4;
+
+/// Height above a mirror at which the reflected ray starts, in the fitted scene's units.
+const LIFT: f32 = 1e-5;
+
+/// What paths go through.
+#[derive(Clone, Copy)]
+pub struct Paths<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Its hierarchy.
+    pub visible: &'a Visible,
+    /// The most mirrors that a path may meet; see [`MAX_DEPTH`].
+    pub max_depth: u32,
+}
+
+impl Paths<'_> {
+    /// Radiance from a hit against the unit direction `dir` in which it was met, W sr^-1 m^-2.
+    /// `emit` says whether mirrors' own emission counts; `diffuse` gives what a diffuse surface sends.
+    pub fn radiance(
+        &self,
+        mut dir: Vec3,
+        hit: &Hit,
+        emit: bool,
+        diffuse: impl FnOnce(&Hit) -> Rgb,
+    ) -> Rgb {
+        let mut hit = *hit;
+        let mut carried = Rgb::splat(1.0);
+        let mut found = Rgb::BLACK;
+        for _ in 0..=self.max_depth {
+            let material = self.scene.material_of(hit.surface);
+            let factor = match material.reflectance {
+                Reflectance::Diffuse(_) => return found + carried * diffuse(&hit),
+                Reflectance::Mirror(factor) => factor,
+            };
+            if emit && hit.side == Side::Front {
+                found += carried * material.emitted;
+            }
+            carried = carried * factor;
+            if carried.max() < LEAST_THROUGHPUT {
+                break;
+            }
+            let (origin, reflected) = reflect(dir, &hit, self.scene.surface(hit.surface).normal);
+            match self.visible.nearest_but(origin, reflected, 0.0, Some(hit.surface)) {
+                Some(next) => (hit, dir) = (next, reflected),
+                None => break,
+            }
+        }
+        found
+    }
+}
+
+/// The ray that leaves a mirror, origin and unit direction.
+pub fn reflect(dir: Vec3, hit: &Hit, normal: Vec3) -> (Vec3, Vec3) {
+    let normal = normal * hit.side.sign();
+    let cosine = -dir.dot(normal);
+    let reflected = (dir + normal * (2.0 * cosine)).normalize();
+    // In a corner the rounded point may lie behind the neighbouring wall, and a ray from there would
+    // leave the scene. The arriving ray was still inside a little earlier, so start above that place.
+    let back = (LIFT / cosine.max(0.25)).min(0.5 * hit.distance);
+    let foot = hit.point - (dir + normal * cosine) * back;
+    (foot + normal * LIFT, reflected)
+}
