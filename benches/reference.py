@@ -14,7 +14,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from measure import ROOT, RUNS, bytes_below, machine, run
+from measure import ROOT, RUNS, build, bytes_below, machine, run
 
 # What the quality presets promise of a picture: reference, then relMSE with `preview` and with `final`.
 # Where a reference's own noise is larger than what `final` promises, the noise is what is promised.
@@ -78,6 +78,11 @@ def references(folder, names=None):
     if unknown:
         raise SystemExit(f"no reference {', '.join(unknown)}; there are {', '.join(found)}")
     return [Reference(folder, found[n], noise) for n in names]
+
+
+def program(folder):
+    """The program, built and then copied into a folder, so that no later build changes it during a run."""
+    return Path(shutil.copy2(build(), folder))
 
 
 class Bakery:

@@ -5,8 +5,8 @@
 mod common;
 
 use common::{Baked, SCENES, camera, parameters, picture, scene};
-use vlf::look::render::method::Method;
 use vlf::Visible;
+use vlf::look::render::method::Method;
 use vlf::{Parameters, Rgb};
 
 /// Parts of the emitted power that a cycle may lose in holes and by sampling, at this small size.

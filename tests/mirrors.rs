@@ -6,9 +6,9 @@ mod common;
 
 use common::{Baked, camera, mean_radiance, obj, parameters, picture, scene, scene_of};
 use glam::DVec3;
+use vlf::Visible;
 use vlf::look::render::method::Method;
 use vlf::look::render::raytrace::{MAX_DEPTH, Raytrace};
-use vlf::Visible;
 use vlf::{Camera, Parameters, Rgb, Scene};
 
 /// A room without its wall at z = -1, a tilted box in it and a lamp at the ceiling, as faces of quads.

@@ -7,7 +7,7 @@ mod common;
 use common::{Baked, moved, parameters, scene, scene_of, text};
 use glam::{DQuat, DVec3, Vec3};
 use vlf::format::manifest::Manifest;
-use vlf::look::visible::Visible;
+use vlf::visible::Visible;
 use vlf::{LightField, Parameters, Scene, SurfaceId};
 
 const POSTERS: [&str; 3] = ["poster_first", "poster_last", "poster_near"];

@@ -396,9 +396,8 @@ impl<'a> Bake<'a> {
         let unshot = unshot_fractions(&manifest.ledger);
         let lines = f64::from(self.parameters.directions);
         let inside = f64::from(done) / lines;
-        let grids = |cycles: std::ops::Range<u32>| {
-            lines * cycles.map(|c| self.grids(c)).sum::<f64>()
-        };
+        let grids =
+            |cycles: std::ops::Range<u32>| lines * cycles.map(|c| self.grids(c)).sum::<f64>();
         let cycle = manifest.cycle;
         let (own, later) = match manifest.phase {
             Phase::Propagating => {

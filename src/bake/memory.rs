@@ -151,7 +151,8 @@ impl Need {
         let mirrors = values / 2 - u64::from(shared.texels.diffuse);
         let layers = 4 * cells + 12 * extent.fragments + 256 * surfaces;
         let stores = shared.stores_mirrors();
-        let extent = if stores { *extent } else { Extent { mirror_map: 0, excerpts: 0, ..*extent } };
+        let extent =
+            if stores { *extent } else { Extent { mirror_map: 0, excerpts: 0, ..*extent } };
         // A map that is being made takes twice its bytes, and once more when it is finished.
         let scratch =
             layers + 6 * extent.mirror_map + extent.excerpts + mirrors * Scratch::A_MIRROR;

@@ -306,7 +306,9 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
         return bad("--perturb: 1 to 4096 for each cycle".to_owned());
     }
     if p.specular == Specular::Trace && !p.resample {
-        return bad("--resample off: with --specular trace nothing is stored to take maps from".into());
+        return bad(
+            "--resample off: with --specular trace nothing is stored to take maps from".into()
+        );
     }
     if !(1..=limits::SPLIT).contains(&p.split) {
         return bad(format!("--split {}: 1 to {}", p.split, limits::SPLIT));

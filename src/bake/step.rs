@@ -479,7 +479,12 @@ impl Line<'_> {
     }
 
     /// Accounts for light that arrives at a mirror.
-    fn arrive<const SHARES: i64, const COUNTS: i64>(&self, fragment: Fragment, line: &Fixed, flow: &mut Flow) {
+    fn arrive<const SHARES: i64, const COUNTS: i64>(
+        &self,
+        fragment: Fragment,
+        line: &Fixed,
+        flow: &mut Flow,
+    ) {
         let surface = SurfaceId(self.shared.texels.surface_of[fragment.texel() as usize]);
         let rho = self.shared.scene.material_of(surface).reflectance.factor().0;
         let reflected = |c: usize| (line[c] as f64 * f64::from(rho[c])) as i64;
@@ -488,7 +493,11 @@ impl Line<'_> {
     }
 
     /// Accounts for the unshot radiance as it was stored.
-    fn tally_stored<const SHARES: i64, const COUNTS: i64>(&self, unshot: &[u8], scratch: &mut Scratch) {
+    fn tally_stored<const SHARES: i64, const COUNTS: i64>(
+        &self,
+        unshot: &[u8],
+        scratch: &mut Scratch,
+    ) {
         let Parameters { resolution, tile, .. } = *self.shared.parameters;
         let surfaces = self.shared.scene.surfaces.len() as u32;
         let check = crate::format::tiles::Layout::check;

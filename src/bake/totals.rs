@@ -90,12 +90,15 @@ pub fn total_map(
                     Mirrors::Traced(paths) => {
                         let (other, facing) = match sense {
                             Sense::Along => (fragments.get(k + 1), Sense::Against),
-                            Sense::Against => (k.checked_sub(1).map(|b| &fragments[b]), Sense::Along),
+                            Sense::Against => {
+                                (k.checked_sub(1).map(|b| &fragments[b]), Sense::Along)
+                            }
                         };
                         let gap = |o: &Fragment| (o.depth() - fragment.depth()).abs();
                         let apart = other.filter(|o| gap(o) > exchange::CONTACT);
                         apart.map_or(Rgb::BLACK, |o| {
-                            let (hit, away) = (hit(*o, facing, gap(o)), psf.direction * sense.sign());
+                            let (hit, away) =
+                                (hit(*o, facing, gap(o)), psf.direction * sense.sign());
                             paths.radiance(away, &hit, true, diffuse)
                         })
                     }

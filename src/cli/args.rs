@@ -5,8 +5,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::str::FromStr;
 use vlf::bake::quality::Quality;
-use vlf::{Specular, Transfer};
 use vlf::look::render::method::Method;
+use vlf::{Specular, Transfer};
 
 const AFTER: &str = "\
 A scene goes three ways: `vlf bake` makes a field of it, `vlf-pack` makes one file of the field,

@@ -5,13 +5,13 @@ use super::progress::{Bar, tell};
 use super::{args, bake, info, render};
 use anyhow::Context;
 use bytesize::ByteSize;
+use vlf::Visible;
 use vlf::bake::quality::Quality;
 use vlf::format::container::Codec;
 use vlf::look::image::{write_exr, write_png};
 use vlf::look::render::Options;
 use vlf::look::render::method::Method;
 use vlf::look::tone;
-use vlf::Visible;
 use vlf::scene::bundled;
 use vlf::{LightField, Parameters, Scene};
 

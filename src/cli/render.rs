@@ -6,10 +6,10 @@ use anyhow::Context;
 use glam::DVec3;
 use serde_json::json;
 use std::path::Path;
+use vlf::Visible;
 use vlf::look::image::{Picture, write_exr, write_png};
 use vlf::look::render::{Options, method};
 use vlf::look::tone;
-use vlf::Visible;
 use vlf::{Camera, DirectionId, LightField};
 
 /// Damaged directions that a warning names.

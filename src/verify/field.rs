@@ -199,7 +199,12 @@ impl<'a> Commit<'a> {
                 Some((_, mirrors)) => mirrors,
                 None => self.storage.list(&folder).is_ok(),
             };
-            (mirrors && self.manifest.parameters.stores_mirrors()).then_some(Maps { folder, generation, chunks, directions })
+            (mirrors && self.manifest.parameters.stores_mirrors()).then_some(Maps {
+                folder,
+                generation,
+                chunks,
+                directions,
+            })
         };
         let total = |directions| {
             let (folder, chunks) = (names::TOTAL.to_owned(), &[ChunkKind::Total]);

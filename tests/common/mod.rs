@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use tempfile::TempDir;
+use vlf::Visible;
 use vlf::bake::{Options, Outcome, bake_in};
 use vlf::field::storage::Storage;
 use vlf::field::storage::disk::Disk;
@@ -17,7 +18,6 @@ use vlf::field::{Terms, read_manifest};
 use vlf::format::manifest::Manifest;
 use vlf::look::image::Picture;
 use vlf::look::render::method::{Method, take};
-use vlf::Visible;
 use vlf::{Camera, LightField, Parameters, Scene};
 
 /// The folders under `scenes/`.

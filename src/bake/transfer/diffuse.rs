@@ -229,8 +229,7 @@ mod tests {
             }
         }
         let struck = |value: usize| sums[value][3] as f64;
-        let next =
-            next_textures(&scene, &texels, (&sums, quantum), (&struck, 3000.0), (0, false));
+        let next = next_textures(&scene, &texels, (&sums, quantum), (&struck, 3000.0), (0, false));
         (diffuse_factor(&scene, SurfaceId(0)), lattice, next)
     }
 

@@ -7,9 +7,9 @@ use crate::look::image::Picture;
 use crate::look::lightfield::LightField;
 use crate::look::tone::auto_exposure;
 use crate::paths::{MAX_DEPTH, Paths};
-use crate::visible::{Hit, Visible};
 use crate::radiance::Rgb;
 use crate::scene::camera::Camera;
+use crate::visible::{Hit, Visible};
 use glam::Vec3;
 use std::sync::OnceLock;
 

@@ -5,9 +5,9 @@
 //! points of its square, a box filter; more of them where they disagree. Same bits for every run and any number of threads.
 
 use crate::look::image::Picture;
-use crate::visible::{Hit, Visible};
 use crate::radiance::Rgb;
 use crate::scene::{Scene, camera::Camera};
+use crate::visible::{Hit, Visible};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};

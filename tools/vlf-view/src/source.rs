@@ -3,10 +3,10 @@
 use crate::window::Painter;
 use glam::{DVec3, Vec3};
 use std::path::Path;
+use vlf::Visible;
 use vlf::look::image::Picture;
 use vlf::look::render::Options;
 use vlf::look::render::method::{self, take};
-use vlf::Visible;
 use vlf::{Camera, LightField};
 
 /// Which method of the paper's section 6 takes the pictures.
