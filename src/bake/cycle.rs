@@ -5,7 +5,6 @@
 //! hold, and any interruption costs at most the time since the last commit.
 
 use super::ahead::{Wanted, ahead};
-use super::cuts::cut_texels;
 use super::layers::{Layers, Outlines};
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::memory::Need;
@@ -17,7 +16,7 @@ use super::transfer::{self, Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, Progress, count_run};
 use crate::directions::Directions;
 use crate::field::files::BLOCK;
-use crate::field::pages::Pages;
+use crate::field::pages::{Pages, Spare};
 use crate::field::writer::{self, Maps};
 use crate::field::{Field, FieldError};
 use crate::format::Fault;
@@ -52,6 +51,8 @@ pub struct Bake<'a> {
     committed: Instant,
     counted: Instant,
     sealed: Sealed,
+    /// Memory of the page cache, between cycles.
+    spare: Spare,
     /// What paths through mirrors meet, where any are followed.
     visible: Option<Visible>,
     /// PSFs that this run has rasterised in the steps that it has ended, or what takes as long.
@@ -100,13 +101,14 @@ impl<'a> Bake<'a> {
             .map_err(|e| BakeError::Parameter(format!("--threads: {e}")))?;
         let has_mirrors = scene.materials.iter().any(|m| m.reflectance.is_mirror());
         let follows = has_mirrors && !field.manifest().parameters.totals_from_store();
+        let outlines = Outlines::new(scene, texels);
         let mut bake = Bake {
             visible: follows.then(|| Visible::new(scene)),
             scene,
             texels,
             directions,
-            outlines: Outlines::new(scene, texels),
-            areas: areas(scene, texels),
+            areas: home_areas(scene, texels, &outlines),
+            outlines,
             parameters: field.manifest().parameters.clone(),
             field,
             quantum: Quantum::new(most),
@@ -116,6 +118,7 @@ impl<'a> Bake<'a> {
             committed: Instant::now(),
             counted: Instant::now(),
             sealed: Sealed::default(),
+            spare: Spare::default(),
             work: 0.0,
             done_before: 0,
         };
@@ -130,7 +133,7 @@ impl<'a> Bake<'a> {
     fn reach(&self) -> Sealed {
         let shared = self.shared();
         let values = 2 * self.texels.len();
-        let cut = cut_texels(self.scene, self.texels);
+        let cut = self.texels.met();
         let reach = self.sweep(
             0,
             || Reach::new(values),
@@ -246,7 +249,9 @@ impl<'a> Bake<'a> {
         if stores_mirrors && !self.all_done() {
             self.field.begin_folder(&folder)?;
         }
-        let pages = (stores_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating));
+        let spare = std::mem::take(&mut self.spare);
+        let pages =
+            (stores_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating).reusing(spare));
         let senders = self.few_senders(cycle);
         self.begin_step();
         while !self.all_done() {
@@ -281,7 +286,8 @@ impl<'a> Bake<'a> {
                 return Ok(Walk::Stopped);
             }
         }
-        drop((current, pages));
+        drop(current);
+        self.spare = pages.map(Pages::into_spare).unwrap_or_default();
         self.end_step(self.grids(cycle));
         let sums = workers
             .into_iter()
@@ -586,6 +592,7 @@ impl<'a> Bake<'a> {
 
     /// Writes the total radiance maps, then ends the bake.
     fn totals(&mut self) -> Result<Walk, BakeError> {
+        self.spare = Spare::default();
         let total = self.texture(ChunkKind::TotalTexture)?;
         let lit = totals::lit_sides(self.texels, &total);
         let cycle = self.field.manifest().cycle;
@@ -648,6 +655,13 @@ impl<'a> Bake<'a> {
         self.field.commit()?;
         Ok(Walk::Done)
     }
+}
+
+/// Area of each texel, with the pieces of others that belong to it, in the fitted scene's units squared.
+fn home_areas(scene: &Scene, texels: &Texels, outlines: &Outlines) -> Vec<f32> {
+    let mut areas = areas(scene, texels);
+    outlines.homes.move_areas(texels, &mut areas);
+    areas
 }
 
 /// Unshot power after each cycle as a fraction of what the scene emits.

@@ -91,12 +91,16 @@ impl Tally {
     /// Reads what [`Tally::write`] wrote.
     ///
     /// # Errors
-    /// When the bytes end.
+    /// When the bytes end, a number is negative, or a count takes more than 64 bits.
     pub fn read(r: &mut Reader) -> Result<Tally, Fault> {
         let mut n = [0i128; Tally::NUMBERS];
         for v in &mut n {
             let (low, high) = (r.u64()?, r.u64()?);
             *v = i128::from(low) | (i128::from(high as i64) << 64);
+        }
+        let counts = &n[Tally::NUMBERS - 3..];
+        if n.iter().any(|v| *v < 0) || counts.iter().any(|v| u64::try_from(*v).is_err()) {
+            return Err(Fault::invalid("sums: a total is out of range"));
         }
         Ok(Tally::from_numbers(n))
     }

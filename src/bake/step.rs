@@ -306,6 +306,7 @@ impl Line<'_> {
         let diffuse = self.shared.texels.diffuse;
         let fragments = scratch.layers.slot(slot);
         exchange::order_contacts(fragments);
+        self.bring_home(cell, fragments);
         let (outside, sealed) = (self.cycle.outside(), self.cycle.sealed);
         let is_diffuse = |f: &Fragment| f.texel() < diffuse;
         let has_mirrors = !fragments.iter().all(is_diffuse);
@@ -356,6 +357,19 @@ impl Line<'_> {
     fn is_lit(&self, value: usize) -> bool {
         let [r, g, b, _] = self.cycle.current[value];
         r | g | b != 0
+    }
+
+    /// Gives the fragments of a cell that lie in cut texels the texels that they belong to.
+    fn bring_home(&self, cell: Cell, fragments: &mut [Fragment]) {
+        let Shared { scene, texels, outlines, .. } = *self.shared;
+        for fragment in fragments {
+            if texels.cuts.is_cut(fragment.texel()) {
+                let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
+                let point = self.psf.unproject(x, y, fragment.depth());
+                let home = outlines.homes.of(scene, texels, fragment.texel(), point);
+                *fragment = fragment.with_texel(home);
+            }
+        }
     }
 
     /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
@@ -488,8 +502,9 @@ impl Line<'_> {
         let hit = Hit { surface, point, distance: gap, side };
         scratch.tally.gathers += 1;
         let radiance = paths.radiance(-outgoing, &hit, self.cycle.number == 0, |end| {
-            let texel = texels.at(end.surface, scene.surface(end.surface), end.point) as usize;
-            quantum.radiance(self.cycle.current[2 * texel + end.side.index()])
+            let texel = texels.at(end.surface, scene.surface(end.surface), end.point);
+            let home = self.shared.outlines.homes.of(scene, texels, texel, end.point) as usize;
+            quantum.radiance(self.cycle.current[2 * home + end.side.index()])
         });
         quantum.fixed(radiance)
     }
