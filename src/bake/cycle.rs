@@ -5,7 +5,6 @@
 //! hold, and any interruption costs at most the time since the last commit.
 
 use super::ahead::{Wanted, ahead};
-use super::cuts::cut_texels;
 use super::layers::{Layers, Outlines};
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::memory::Need;
@@ -13,7 +12,7 @@ use super::reach::{CutViews, Reach, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
 use super::transfer::diffuse::{diffuse_factor, next_textures};
-use super::transfer::{Fixed, Quantum};
+use super::transfer::{self, Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, Progress, count_run};
 use crate::directions::Directions;
 use crate::field::files::BLOCK;
@@ -102,13 +101,14 @@ impl<'a> Bake<'a> {
             .map_err(|e| BakeError::Parameter(format!("--threads: {e}")))?;
         let has_mirrors = scene.materials.iter().any(|m| m.reflectance.is_mirror());
         let follows = has_mirrors && !field.manifest().parameters.totals_from_store();
+        let outlines = Outlines::new(scene, texels);
         let mut bake = Bake {
             visible: follows.then(|| Visible::new(scene)),
             scene,
             texels,
             directions,
-            outlines: Outlines::new(scene, texels),
-            areas: areas(scene, texels),
+            areas: home_areas(scene, texels, &outlines),
+            outlines,
             parameters: field.manifest().parameters.clone(),
             field,
             quantum: Quantum::new(most),
@@ -133,7 +133,7 @@ impl<'a> Bake<'a> {
     fn reach(&self) -> Sealed {
         let shared = self.shared();
         let values = 2 * self.texels.len();
-        let cut = cut_texels(self.scene, self.texels);
+        let cut = self.texels.met();
         let reach = self.sweep(
             0,
             || Reach::new(values),
@@ -536,7 +536,7 @@ impl<'a> Bake<'a> {
         let mut open = open_areas(&self.areas, sums, counted);
         let struck = |value: usize| match few_send {
             true => repeats * lines * open[value],
-            false => sums[value][3] as f64,
+            false => transfer::lines(&sums[value]),
         };
         let how = (self.parameters.filter, self.parameters.one_sided);
         let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
@@ -655,6 +655,13 @@ impl<'a> Bake<'a> {
         self.field.commit()?;
         Ok(Walk::Done)
     }
+}
+
+/// Area of each texel, with the pieces of others that belong to it, in the fitted scene's units squared.
+fn home_areas(scene: &Scene, texels: &Texels, outlines: &Outlines) -> Vec<f32> {
+    let mut areas = areas(scene, texels);
+    outlines.homes.move_areas(texels, &mut areas);
+    areas
 }
 
 /// Unshot power after each cycle as a fraction of what the scene emits.

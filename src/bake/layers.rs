@@ -5,6 +5,8 @@
 //! its span is filled. A cell holds a polygon when its middle lies inside; rows and spans are half
 //! open, so that polygons that share an edge share no cell and leave none out. O(fragments).
 
+use super::homes::Homes;
+use super::transfer::clip::Projection;
 use super::window::Window;
 use crate::format::limits;
 use crate::ids::{Cell, Sense};
@@ -41,6 +43,11 @@ impl Fragment {
         self.0 as u32 >> 1
     }
 
+    /// The same fragment in another texel.
+    pub fn with_texel(self, texel: u32) -> Fragment {
+        Fragment(self.0 >> 32 << 32 | u64::from((texel << 1) | u32::from(self.faces_along())))
+    }
+
     /// Whether the surface's normal points along the direction.
     pub fn faces_along(self) -> bool {
         self.0 & 1 == 1
@@ -70,6 +77,8 @@ pub struct Outlines {
     surfaces: Vec<Plane>,
     polygons: Vec<Outline>,
     vertices: Vec<Vec3>,
+    /// Which texels points of cut texels belong to.
+    pub homes: Homes,
 }
 
 /// Where a surface lies and how its texels lie on it.
@@ -93,7 +102,12 @@ struct Outline {
 impl Outlines {
     /// Lays the scene's polygons out.
     pub fn new(scene: &Scene, texels: &Texels) -> Outlines {
-        let mut out = Outlines { surfaces: Vec::new(), polygons: Vec::new(), vertices: Vec::new() };
+        let mut out = Outlines {
+            surfaces: Vec::new(),
+            polygons: Vec::new(),
+            vertices: Vec::new(),
+            homes: Homes::new(scene, texels),
+        };
         for (surface, lattice) in scene.surfaces.iter().zip(&texels.lattices) {
             let from = out.polygons.len() as u32;
             for polygon in &surface.polygons {
@@ -119,6 +133,26 @@ impl Outlines {
     fn of(&self, plane: &Plane) -> &[Outline] {
         &self.polygons[plane.polygons.0 as usize..plane.polygons.1 as usize]
     }
+}
+
+/// How the cells of a PSF fall on the lattices of all surfaces. Those edge-on have no fragments; what
+/// stands in their place is not to be used.
+pub fn projections(outlines: &Outlines, psf: &Psf, out: &mut Vec<Projection>) {
+    out.clear();
+    out.extend(outlines.surfaces.iter().map(|plane| {
+        let (size, first) = ([plane.width, plane.height], plane.first);
+        let Some(Gradients { column, row, .. }) = Gradients::new(plane, psf) else {
+            let none = [0.0; 2];
+            return Projection { at_origin: none, per_column: none, per_row: none, first, size };
+        };
+        Projection {
+            at_origin: [column.at_origin, row.at_origin],
+            per_column: [column.per_column, row.per_column],
+            per_row: [column.per_row, row.per_row],
+            first,
+            size,
+        }
+    }));
 }
 
 /// A function of column and row: `at_origin + x * per_column + y * per_row`.

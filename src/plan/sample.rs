@@ -3,7 +3,6 @@
 
 use super::rehearsal::{Generation, Rehearsal};
 use crate::bake::BakeError;
-use crate::bake::cuts::cut_texels;
 use crate::bake::layers::Layers;
 use crate::bake::memory::Extent;
 use crate::bake::reach::{CutViews, Reach};
@@ -156,7 +155,7 @@ fn chosen(all: usize) -> Vec<usize> {
 /// show: its few leave parts of solids' insides open.
 fn sealed(shared: &Shared, chosen: &[DirectionId], threads: usize) -> Vec<[bool; 2]> {
     let values = 2 * shared.texels.len();
-    let cut = &cut_texels(shared.scene, shared.texels);
+    let cut = &shared.texels.met();
     let (mut all, mut views) = (Reach::new(values), CutViews::new(values));
     let sets = (0..threads).into_par_iter().map(|from| {
         let (mut reach, mut layers) = (Reach::new(values), Layers::default());

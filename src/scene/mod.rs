@@ -46,6 +46,8 @@ pub mod bundled;
 
 pub mod boxes;
 
+pub mod cuts;
+
 pub mod texels;
 
 pub mod areas;

@@ -9,6 +9,7 @@ use crate::format::bytes::{Reader, Writer};
 use crate::format::{Fault, room_for};
 use crate::ids::{Side, SurfaceId};
 use crate::radiance::Rgb;
+use crate::scene::cuts::Cuts;
 use crate::scene::{Reflectance, Scene, Surface};
 use glam::{Vec2, Vec3};
 
@@ -34,6 +35,8 @@ pub struct Texels {
     pub surface_of: Vec<u32>,
     /// Texels below this number belong to diffuse surfaces, the others are mirrors, one each.
     pub diffuse: u32,
+    /// Where other surfaces cut them.
+    pub cuts: Cuts,
 }
 
 impl Texels {
@@ -77,7 +80,8 @@ impl Texels {
         }
         let is_diffuse = |s: &u32| !scene.material_of(SurfaceId(*s)).reflectance.is_mirror();
         let diffuse = surface_of.partition_point(is_diffuse) as u32;
-        Texels { lattices, surface_of, diffuse }
+        let cuts = Cuts::new(scene, &lattices, surface_of.len());
+        Texels { lattices, surface_of, diffuse, cuts }
     }
 
     /// How many texels [`Texels::new`] would lay, without laying them.
@@ -95,6 +99,11 @@ impl Texels {
     /// Number of texels, mirrors' included; there are twice as many values.
     pub fn len(&self) -> usize {
         self.surface_of.len()
+    }
+
+    /// For each texel whether another surface meets it.
+    pub fn met(&self) -> Vec<bool> {
+        (0..self.len() as u32).map(|t| self.cuts.is_met(t)).collect()
     }
 
     /// Whether the scene has no surface at all.
@@ -157,7 +166,7 @@ pub fn read_values(bytes: &[u8], values: &mut Vec<Rgb>) -> Result<(), Fault> {
 
 /// Radiance leaving side `side` of a diffuse surface at a point of its plane, from a texture map of
 /// [`Texels::len`] texels and two values each: bilinear between texel middles, constant beyond the
-/// outermost ones. W sr^-1 m^-2.
+/// outermost ones, and from the point's own side where other surfaces cut this one. W sr^-1 m^-2.
 pub fn sample(
     texels: &Texels,
     values: &[Rgb],
@@ -166,18 +175,33 @@ pub fn sample(
     side: Side,
     point: Vec3,
 ) -> Rgb {
-    let lattice = texels.lattices[id.index()];
+    let lattice = &texels.lattices[id.index()];
     let last = Vec2::new((lattice.width - 1) as f32, (lattice.height - 1) as f32);
-    let p = (surface.coordinates(point) * lattice.density - 0.5).clamp(Vec2::ZERO, last);
+    let at = surface.coordinates(point) * lattice.density;
+    let p = (at - 0.5).clamp(Vec2::ZERO, last);
     let (column, row) = (p.x as u32, p.y as u32);
     let f = p - p.floor();
     let right = (column + 1).min(lattice.width - 1);
     let below = (row + 1).min(lattice.height - 1);
-    let value = |c: u32, r: u32| {
-        let texel = (lattice.first + r * lattice.width + c) as usize;
-        values[2 * texel + side.index()]
-    };
-    let upper = value(column, row) * (1.0 - f.x) + value(right, row) * f.x;
-    let lower = value(column, below) * (1.0 - f.x) + value(right, below) * f.x;
-    upper * (1.0 - f.y) + lower * f.y
+    let texel = |c: u32, r: u32| lattice.first + r * lattice.width + c;
+    let value = |texel: u32| values[2 * texel as usize + side.index()];
+    let block = [texel(column, row), texel(right, row), texel(column, below), texel(right, below)];
+    if !texels.cuts.is_near(block[0]) {
+        let upper = value(block[0]) * (1.0 - f.x) + value(block[1]) * f.x;
+        let lower = value(block[2]) * (1.0 - f.x) + value(block[3]) * f.x;
+        return upper * (1.0 - f.y) + lower * f.y;
+    }
+    let weights = [(1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y];
+    let (mut sum, mut weight) = (Rgb::BLACK, 0.0);
+    for (texel, w) in block.into_iter().zip(weights) {
+        let is_seen = || !texels.cuts.is_crossed(lattice, at, texels.cuts.site(lattice, texel));
+        if w > 0.0 && is_seen() {
+            sum += value(texel) * w;
+            weight += w;
+        }
+    }
+    if weight > 0.0 {
+        return sum / weight;
+    }
+    value(texels.cuts.home(lattice, texels.at(id, surface, point), at))
 }

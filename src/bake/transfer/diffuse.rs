@@ -9,6 +9,7 @@ use super::{Fixed, Quantum};
 use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
+use crate::scene::cuts::Cuts;
 use crate::scene::texels::{Lattice, Texels};
 
 /// A texel struck by fewer than this part of the lines that a whole texel would meet leans on its
@@ -33,8 +34,9 @@ pub fn next_textures(
             let rho = diffuse_factor(scene, id);
             let per_texel = 1.0 / f64::from(lattice.density.x * lattice.density.y);
             let expected = (lines * per_texel) as f32;
-            let filtered = Filtered::new(lattice, side, (sums, quantum), struck, filter);
-            if rho.is_black() || !one_side(lattice, side, &filtered, expected, &mut next) {
+            let on = Lain { lattice, cuts: &texels.cuts };
+            let filtered = Filtered::new(on, side, (sums, quantum), struck, filter);
+            if rho.is_black() || !one_side(on, side, &filtered, expected, &mut next) {
                 continue;
             }
             for texel in texel_range(lattice) {
@@ -54,6 +56,13 @@ pub fn diffuse_factor(scene: &Scene, id: SurfaceId) -> Rgb {
     }
 }
 
+/// A lattice and what cuts it: no light is carried over from texel to texel across a cut.
+#[derive(Clone, Copy)]
+struct Lain<'a> {
+    lattice: &'a Lattice,
+    cuts: &'a Cuts,
+}
+
 fn texel_range(lattice: &Lattice) -> std::ops::Range<usize> {
     let first = lattice.first as usize;
     first..first + lattice.width as usize * lattice.height as usize
@@ -71,12 +80,13 @@ struct Filtered {
 
 impl Filtered {
     fn new(
-        lattice: &Lattice,
+        on: Lain,
         side: usize,
         (sums, quantum): (&[Fixed], Quantum),
         struck: &dyn Fn(usize) -> f64,
         passes: u32,
     ) -> Filtered {
+        let lattice = on.lattice;
         let sum = |texel: usize| sums[2 * texel + side];
         let unit = quantum.unit();
         let channel = |texel, c: usize| sum(texel)[c] as f64 * unit;
@@ -88,38 +98,39 @@ impl Filtered {
         let (width, height) = (lattice.width as usize, lattice.height as usize);
         for _ in 0..passes {
             for row in 0..height {
-                filtered.pass(row * width, 1, width);
+                filtered.pass(on, row * width, 1, width);
             }
             for column in 0..width {
-                filtered.pass(column, width, height);
+                filtered.pass(on, column, width, height);
             }
         }
         filtered
     }
 
-    /// Filters `count` texels from `first` on, `step` apart. What would fall over the ends stays there.
-    fn pass(&mut self, first: usize, step: usize, count: usize) {
+    /// Filters `count` texels from `first` on, `step` apart. What would fall over the ends, or over a
+    /// cut, stays there.
+    fn pass(&mut self, on: Lain, first: usize, step: usize, count: usize) {
         let at = |k: usize| first + k * step;
+        let texel = |k: usize| on.lattice.first + at(k) as u32;
         let (mut before, mut before_lines) = (self.radiance[first], self.lines[first]);
         for k in 0..count {
-            let next = at((k + 1).min(count - 1));
             let (own, own_lines) = (self.radiance[at(k)], self.lines[at(k)]);
+            let goes_on = k + 1 < count && on.cuts.are_joined(on.lattice, texel(k), texel(k + 1));
+            let next = at(if goes_on { k + 1 } else { k });
             let blend = |c: usize| 0.25 * (before[c] + self.radiance[next][c]) + 0.5 * own[c];
             self.radiance[at(k)] = [blend(0), blend(1), blend(2)];
             self.lines[at(k)] = 0.25 * (before_lines + self.lines[next]) + 0.5 * own_lines;
             (before, before_lines) = (own, own_lines);
+            if !goes_on && k + 1 < count {
+                (before, before_lines) = (self.radiance[at(k + 1)], self.lines[at(k + 1)]);
+            }
         }
     }
 }
 
 /// Mean incident radiance of each texel of one side into `out`. False when no line struck it.
-fn one_side(
-    lattice: &Lattice,
-    side: usize,
-    sums: &Filtered,
-    expected: f32,
-    out: &mut [Rgb],
-) -> bool {
+fn one_side(on: Lain, side: usize, sums: &Filtered, expected: f32, out: &mut [Rgb]) -> bool {
+    let lattice = on.lattice;
     let range = texel_range(lattice);
     let lines = |texel: usize| sums.lines[texel - range.start];
     let mut missing = Vec::new();
@@ -135,14 +146,14 @@ fn one_side(
     if missing.len() == range.len() {
         return false;
     }
-    lean_on_neighbours(lattice, side, &lines, expected, out);
-    fill(lattice, side, missing, out);
+    lean_on_neighbours(on, side, &lines, expected, out);
+    fill(on, side, missing, out);
     true
 }
 
 /// Blends texels that few lines struck with the mean of their neighbours' lines.
 fn lean_on_neighbours(
-    lattice: &Lattice,
+    on: Lain,
     side: usize,
     lines: &dyn Fn(usize) -> f64,
     expected: f32,
@@ -150,14 +161,14 @@ fn lean_on_neighbours(
 ) {
     let enough = FAITHFUL * expected;
     let mut blended = Vec::new();
-    for texel in texel_range(lattice) {
+    for texel in texel_range(on.lattice) {
         let own = lines(texel) as f32;
         if own == 0.0 || own >= enough {
             continue;
         }
         let mut sum = Rgb::BLACK;
         let mut weight = 0.0;
-        for other in neighbours(lattice, texel) {
+        for other in neighbours(on, texel) {
             let w = lines(other) as f32;
             sum += out[2 * other + side] * w;
             weight += w;
@@ -174,16 +185,15 @@ fn lean_on_neighbours(
 }
 
 /// Gives texels that no line struck the mean of their neighbours, ring by ring from those that have a
-/// value, so that lookups between texels find light up to every border.
-fn fill(lattice: &Lattice, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]) {
-    let first = lattice.first as usize;
-    let mut known = vec![true; texel_range(lattice).len()];
+/// value, so that lookups between texels find light up to every border. Those shut in by cuts stay black.
+fn fill(on: Lain, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]) {
+    let first = on.lattice.first as usize;
+    let mut known = vec![true; texel_range(on.lattice).len()];
     missing.iter().for_each(|t| known[t - first] = false);
     while !missing.is_empty() {
         let mut filled = Vec::new();
         missing.retain(|&texel| {
-            let around: Vec<usize> =
-                neighbours(lattice, texel).filter(|o| known[o - first]).collect();
+            let around: Vec<usize> = neighbours(on, texel).filter(|o| known[o - first]).collect();
             if around.is_empty() {
                 return true;
             }
@@ -191,6 +201,10 @@ fn fill(lattice: &Lattice, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]
             filled.push((texel, sum / around.len() as f32));
             false
         });
+        if filled.is_empty() {
+            // What is left is shut in.
+            break;
+        }
         for (texel, value) in filled {
             out[2 * texel + side] = value;
             known[texel - first] = true;
@@ -198,9 +212,9 @@ fn fill(lattice: &Lattice, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]
     }
 }
 
-/// The up to eight texels around one.
-fn neighbours(lattice: &Lattice, texel: usize) -> impl Iterator<Item = usize> {
-    let Lattice { first, width, height, .. } = *lattice;
+/// The up to eight texels around one that no cut parts from it.
+fn neighbours(on: Lain, texel: usize) -> impl Iterator<Item = usize> {
+    let Lattice { first, width, height, .. } = *on.lattice;
     let (first, width, height) = (first as usize, width as usize, height as usize);
     let (column, row) = ((texel - first) % width, (texel - first) / width);
     let rows = row.saturating_sub(1)..(row + 2).min(height);
@@ -208,6 +222,7 @@ fn neighbours(lattice: &Lattice, texel: usize) -> impl Iterator<Item = usize> {
         (column.saturating_sub(1)..(column + 2).min(width)).map(move |c| first + r * width + c)
     })
     .filter(move |other| *other != texel)
+    .filter(move |other| on.cuts.are_joined(on.lattice, texel as u32, *other as u32))
 }
 
 #[cfg(test)]
@@ -228,7 +243,7 @@ mod tests {
                 crate::bake::transfer::add::<3, 1>(&mut sums[2 * texel], &line);
             }
         }
-        let struck = |value: usize| sums[value][3] as f64;
+        let struck = |value: usize| crate::bake::transfer::lines(&sums[value]);
         let next = next_textures(&scene, &texels, (&sums, quantum), (&struck, 3000.0), (0, false));
         (diffuse_factor(&scene, SurfaceId(0)), lattice, next)
     }
