@@ -9,14 +9,16 @@ use std::sync::atomic::AtomicBool;
 use vlf::bake::layers::{Layers, Outlines};
 use vlf::bake::reach::Sealed;
 use vlf::bake::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
-use vlf::bake::transfer::{Fixed, Quantum};
-use vlf::bake::{Options, emission, texels, totals};
+use vlf::bake::totals::{self, Mirrors};
+use vlf::bake::transfer::clip::{Clip, Ground, Projection};
+use vlf::bake::transfer::{Fixed, Quantum, add};
+use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
 use vlf::format::tiles::{Layout, exponent_for};
 use vlf::scene::texels::Texels;
 use vlf::{
-    Camera, Codec, DirectionId, Directions, LightField, Parameters, Psf, Scene, SurfaceId, Visible,
-    bundled,
+    Camera, Cell, Codec, DirectionId, Directions, LightField, Parameters, Psf, Scene, SurfaceId,
+    Visible, bundled,
 };
 
 fn main() {
@@ -142,10 +144,96 @@ fn shoot_one_direction(bencher: Bencher) {
     let fixed = shot.iter().map(|v| OFFICE.quantum.fixed(*v));
     let current: Vec<Fixed> = fixed.chain([FROM_OUTSIDE]).collect();
     let sealed = Sealed::none(current.len());
-    let cycle =
-        Cycle { number: 0, current: &current, pages: None, perturbations: 1, sealed: &sealed };
+    let cycle = Cycle {
+        number: 0,
+        current: &current,
+        pages: None,
+        paths: None,
+        perturbations: 1,
+        senders: None,
+        sealed: &sealed,
+    };
     let mut scratch = Scratch::new(&OFFICE.texels);
     bencher.bench_local(|| shoot(&shared, &cycle, black_box(LINE), &mut scratch));
+}
+
+/// Two lattices that face each other, and the pairs of a PSF's cells that fall on them.
+struct Facing {
+    projections: [Projection; 2],
+    surface_of: Vec<u32>,
+    current: Vec<Fixed>,
+    cells: Vec<Cell>,
+    pairs: Vec<[u32; 2]>,
+}
+
+impl Facing {
+    /// With texels of so many cells.
+    fn new(texel: f32) -> Facing {
+        const CELLS: u32 = 64;
+        let size = [(1.5 * CELLS as f32 / texel) as u32; 2];
+        let count = size[0] * size[1];
+        let scaled = |edge: [f32; 2]| edge.map(|c| c / texel);
+        let lattice = |first, column, row| Projection {
+            at_origin: scaled([0.4 * CELLS as f32, 0.3]),
+            per_column: scaled(column),
+            per_row: scaled(row),
+            first,
+            size,
+        };
+        let projections =
+            [lattice(0, [0.9, 0.3], [-0.3, 1.1]), lattice(count, [0.8, 0.4], [-0.3, 0.9])];
+        let value = |p: &Projection, cell: Cell| {
+            let at = |axis: usize| {
+                let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
+                (p.at_origin[axis] + x * p.per_column[axis] + y * p.per_row[axis]).max(0.0) as u32
+            };
+            2 * (p.first + at(1).min(size[1] - 1) * size[0] + at(0).min(size[0] - 1))
+        };
+        let cells: Vec<Cell> =
+            (0..CELLS * CELLS).map(|k| Cell { i: k % CELLS, j: k / CELLS }).collect();
+        let pair = |cell: &Cell| projections.each_ref().map(|p| value(p, *cell));
+        let pairs = cells.iter().map(pair).collect();
+        let mut dice = Dice(1);
+        let light = |_| [(); 3].map(|()| ((dice.roll() + 1.0) * 2f32.powi(35)) as i64);
+        let fixed =
+            |[r, g, b]: [i64; 3]| [r, g, b, i64::from(vlf::bake::transfer::clip::overlap::WHOLE)];
+        Facing {
+            projections,
+            surface_of: (0..2 * count).map(|texel| texel / count).collect(),
+            current: (0..4 * count as usize + 1).map(light).map(fixed).collect(),
+            cells,
+            pairs,
+        }
+    }
+}
+
+/// Exchange along pairs by exact clipping, with texels of so many cells. Counts overlaps.
+#[divan::bench(args = [0.5, 1.0, 2.0])]
+fn transfer_clipped(bencher: Bencher, texel: f32) {
+    let facing = Facing::new(texel);
+    let sealed = Sealed::none(facing.current.len());
+    let Facing { projections, surface_of, current, cells, pairs } = &facing;
+    let ground = Ground { projections, surface_of, sealed: &sealed };
+    let mut clip = Clip::default();
+    let mut sums = vec![[0; 4]; current.len()];
+    let ends = cells.iter().zip(pairs).flat_map(|(cell, ends)| ends.map(|value| (*cell, value)));
+    let overlaps: usize = ends.map(|(cell, value)| clip.taps(cell, value, &ground).len()).sum();
+    bencher.counter(ItemsCount::new(overlaps)).bench_local(|| {
+        clip.exchange::<3, 1>((cells, black_box(pairs)), &ground, current, &mut sums)
+    });
+}
+
+/// The same by the texels under the cells' middles. Counts transfers, two a pair.
+#[divan::bench(args = [0.5, 1.0, 2.0])]
+fn transfer_sampled(bencher: Bencher, texel: f32) {
+    let Facing { current, pairs, .. } = Facing::new(texel);
+    let mut sums = vec![[0; 4]; current.len()];
+    bencher.counter(ItemsCount::new(2 * pairs.len())).bench_local(|| {
+        for [near, far] in black_box(&pairs).iter().map(|ends| ends.map(|v| v as usize)) {
+            add::<3, 1>(&mut sums[far], &current[near]);
+            add::<3, 1>(&mut sums[near], &current[far]);
+        }
+    });
 }
 
 /// The total map of a direction.
@@ -156,7 +244,7 @@ fn total_map(bencher: Bencher) {
     let lit = totals::lit_sides(&OFFICE.texels, &total);
     let mut scratch = totals::Scratch::default();
     bencher.bench_local(|| {
-        totals::total_map(&shared, black_box(LINE), (&total, &lit), None, &mut scratch)
+        totals::total_map(&shared, black_box(LINE), (&total, &lit), Mirrors::None, &mut scratch)
     });
 }
 
@@ -179,8 +267,7 @@ fn check_a_tile_map(bencher: Bencher) {
     let total = emission(&OFFICE.scene, &OFFICE.texels);
     let lit = totals::lit_sides(&OFFICE.texels, &total);
     let mut scratch = totals::Scratch::default();
-    let map = totals::total_map(&shared, LINE, (&total, &lit), None, &mut scratch)
-        .expect("no page is read");
+    let map = totals::total_map(&shared, LINE, (&total, &lit), Mirrors::None, &mut scratch);
     let surfaces = OFFICE.scene.surfaces.len() as u32;
     bencher
         .counter(divan::counter::BytesCount::new(map.len()))

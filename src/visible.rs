@@ -77,7 +77,7 @@ impl Visible {
         for id in scene.surface_ids() {
             let surface = scene.surface(id);
             for polygon in &surface.polygons {
-                for corners in triangulate::triangles(polygon, surface.normal) {
+                for corners in triangulate::triangles(polygon) {
                     let [a, b, c] = corners.map(|i| polygon.vertices[i]);
                     if let Some(facet) = Facet::new(a, b, c, id) {
                         facets.push(facet);

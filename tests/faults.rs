@@ -156,10 +156,11 @@ fn a_disk_that_runs_full_at_any_byte_keeps_the_last_commit_and_goes_on_when_ther
 }
 
 /// Bits that have gone bad since they were written: a bake that goes on never says that it is
-/// finished over them.
+/// finished over them. A total map is made again, as long as what arrived at mirrors is there.
 #[test]
 fn a_bake_that_goes_on_does_not_finish_over_damage() {
     let tiny = Tiny::new();
+    let plain = tiny.undisturbed();
     let last = operations() - 40;
     let mut damaged = 0;
     for k in last..last + 20 {
@@ -171,14 +172,16 @@ fn a_bake_that_goes_on_does_not_finish_over_damage() {
         let manifest = read_manifest(&*disk).unwrap().1;
         let is_done = |d: &u32| manifest.phase == Phase::WritingTotals && manifest.is_done(*d);
         let Some(done) = (0..9).find(is_done) else { continue };
-        for name in [names::tile_file(names::TOTAL, done), names::SCENE.to_owned()] {
-            disk.edit(&name, |bytes| bytes[322] ^= 1);
-            let error = tiny.bake(disk.clone()).unwrap_err();
-            assert!(error.to_string().contains("checksum mismatch"), "{error}");
-            assert!(error.to_string().contains(&name), "{error}");
-            disk.edit(&name, |bytes| bytes[322] ^= 1);
-            damaged += 1;
-        }
+        let total = names::tile_file(names::TOTAL, done);
+        disk.edit(&total, |bytes| bytes[322] ^= 1);
+        disk.edit(names::SCENE, |bytes| bytes[322] ^= 1);
+        let error = tiny.bake(disk.clone()).unwrap_err();
+        assert!(error.to_string().contains("checksum mismatch"), "{error}");
+        assert!(error.to_string().contains(names::SCENE), "{error}");
+        disk.edit(names::SCENE, |bytes| bytes[322] ^= 1);
+        assert_eq!(tiny.bake(disk.clone()).unwrap(), Outcome::Finished);
+        assert_eq!(Left::of(&*disk).same_as(&plain), Ok(()));
+        damaged += 1;
     }
     assert!(damaged > 4, "only {damaged}");
 }

@@ -7,15 +7,18 @@ mod common;
 
 use common::{Baked, camera, obj, parameters, picture, scene, scene_of};
 use vlf::look::render::method::Method;
-use vlf::{Parameters, Rgb, Scene};
+use vlf::{Parameters, Rgb, Scene, Transfer};
+
+/// Neither may leave a stain.
+const TRANSFERS: [Transfer; 2] = [Transfer::Sample, Transfer::Clip];
 
 #[test]
 fn every_texel_of_a_diffuse_furnace_is_exact_after_every_cycle() {
     let furnace = scene("furnace");
     let (le, rho) = (1.0f64, 0.5f64);
     for tile in [8, 16, 64] {
-        for cycles in [1, 2, 3] {
-            let parameters = Parameters { tile, ..parameters(129, 64, cycles) };
+        for (cycles, transfer) in [1, 2, 3].into_iter().flat_map(|c| TRANSFERS.map(|t| (c, t))) {
+            let parameters = Parameters { tile, transfer, ..parameters(129, 64, cycles) };
             let baked = Baked::new(&furnace, &parameters);
             let field = baked.open();
             let exact: f64 = le * (0..=cycles).map(|k| rho.powi(k as i32)).sum::<f64>();
@@ -27,7 +30,10 @@ fn every_texel_of_a_diffuse_furnace_is_exact_after_every_cycle() {
                 }
                 assert_eq!(sides[1], Rgb::BLACK, "light outside the furnace");
             }
-            assert!(worst < 1e-4, "tile {tile}, cycle {cycles}: off by {worst:e} from {exact}");
+            assert!(
+                worst < 1e-4,
+                "tile {tile}, cycle {cycles}, {transfer:?}: off by {worst:e} from {exact}"
+            );
         }
     }
 }
@@ -52,19 +58,20 @@ fn a_closed_block_that_stands_in_a_furnace_leaves_no_stain() {
 }
 
 fn two_everywhere(furnace: &Scene) {
-    let parameters = Parameters { cycles: None, ..parameters(129, 64, 1) };
-    let baked = Baked::new(furnace, &parameters);
-    let field = baked.open();
     let camera = camera("furnace_mirror", 64, 64);
     let mut failures = Vec::new();
-    for method in [Method::Trace, Method::Field] {
+    let both = |transfer| [Method::Trace, Method::Field].map(|method| (transfer, method));
+    for (transfer, method) in TRANSFERS.into_iter().flat_map(both) {
+        let parameters = Parameters { cycles: None, transfer, ..parameters(129, 64, 1) };
+        let baked = Baked::new(furnace, &parameters);
+        let field = baked.open();
         let picture = picture(&field, &camera, method, 4);
         let off = |p: &Rgb| p.0.map(|c| (c - 2.0).abs() / 2.0).into_iter().fold(0.0, f32::max);
         let worst = picture.pixels.iter().map(off).fold(0.0, f32::max);
         let over = picture.pixels.iter().filter(|p| off(p) > 0.01).count();
         if worst >= 0.01 {
             failures.push(format!(
-                "{method:?}, {} cycles: off by up to {:.2} %; {over} of {} pixels over 1 %",
+                "{transfer:?}, {method:?}, {} cycles: off by up to {:.2} %; {over} of {} pixels over 1 %",
                 field.manifest.cycle,
                 100.0 * worst,
                 picture.pixels.len()

@@ -25,11 +25,16 @@ fn field_raw_pack_and_compressed_pack_give_the_same_pictures() {
 
     let camera = camera("cornell_mirror", 80, 60);
     let field = baked.open();
-    let packs = [LightField::open(&raw).unwrap(), LightField::open(&zstd).unwrap()];
+    let packs = [
+        (LightField::open(&raw).unwrap(), "raw"),
+        (LightField::open(&zstd).unwrap(), "zstd"),
+        (LightField::open_unmapped(&raw).unwrap(), "raw, read"),
+        (LightField::open_unmapped(&zstd).unwrap(), "zstd, read"),
+    ];
     for method in [Method::Trace, Method::Field] {
         let expected = picture(&field, &camera, method, 2);
         assert!(expected.pixels.iter().any(|p| p.max() > 0.1));
-        for (pack, name) in packs.iter().zip(["raw", "zstd"]) {
+        for (pack, name) in &packs {
             assert!(pack.scene == field.scene && pack.total == field.total);
             let found = picture(pack, &camera, method, 2);
             assert!(found == expected, "{method:?}, {name}: another picture");
@@ -55,4 +60,44 @@ fn a_pack_takes_the_place_of_a_pack_and_of_nothing_else() {
     let left: Vec<_> =
         fs::read_dir(baked.folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert_eq!(left.len(), 3, "{left:?}");
+}
+
+/// Packs are published by rename: whoever has the old one open keeps it whole.
+#[test]
+fn a_pack_that_is_replaced_while_it_is_open_stays_what_it_was() {
+    let old = Baked::new(&scene("cornell_mirror"), &parameters(33, 16, 2));
+    let new = Baked::new(&scene("parallel_squares"), &parameters(33, 16, 1));
+    let camera = camera("cornell_mirror", 20, 15);
+    let expected = picture(&old.open(), &camera, Method::Field, 1);
+    for codec in [Codec::Raw, Codec::Zstd] {
+        let path = old.path.with_extension("vlf");
+        pack(&old.path, &path, codec, &|_| {}).unwrap();
+        let open = [LightField::open(&path).unwrap(), LightField::open_unmapped(&path).unwrap()];
+        pack(&new.path, &path, codec, &|_| {}).unwrap();
+        assert_eq!(LightField::open(&path).unwrap().scene.surfaces.len(), 2);
+        for field in open {
+            assert!(picture(&field, &camera, Method::Field, 1) == expected, "{codec:?}");
+        }
+    }
+}
+
+/// Without a mapping a file that is cut short or written over is an error, not the end of the process.
+#[test]
+fn a_pack_that_is_cut_short_while_it_is_read_is_damaged() {
+    let baked = Baked::new(&scene("cornell_mirror"), &parameters(33, 16, 2));
+    let path = baked.path.with_extension("vlf");
+    pack(&baked.path, &path, Codec::Raw, &|_| {}).unwrap();
+    let field = LightField::open_unmapped(&path).unwrap();
+    field.map(0).unwrap();
+    let length = fs::metadata(&path).unwrap().len();
+    let file = fs::File::options().write(true).open(&path).unwrap();
+    file.set_len(length / 2).unwrap();
+    field.map(0).unwrap();
+    let error = field.map(32).unwrap_err();
+    let said = format!("direction 32: truncated: its header says {length} bytes");
+    assert!(error.to_string().contains(&said), "{error}");
+    file.set_len(length).unwrap();
+    let error = field.map(31).unwrap_err();
+    assert!(error.to_string().contains("checksum mismatch"), "{error}");
+    assert_eq!(vlf::exit::code(&error), vlf::exit::CORRUPT);
 }

@@ -13,7 +13,7 @@ use vlf::field::storage::disk::Disk;
 use vlf::format::container::Codec;
 use vlf::format::manifest::Phase;
 use vlf::pack::pack;
-use vlf::{Parameters, Scene};
+use vlf::{Parameters, Scene, Transfer};
 
 /// Digest of the field and bytes of its pack.
 fn bits(field: &Path) -> ([u8; 16], Vec<u8>) {
@@ -55,6 +55,31 @@ fn threads_order_and_memory_change_no_bit() {
         assert_eq!(plain.0, other.0, "{name}: another digest");
         assert!(plain.1 == other.1, "{name}: another pack");
     }
+}
+
+/// Clipping shares light out in another way, and must be as free of order: with two threads and few
+/// commits as with five, shuffled, and committed and stopped all the time.
+#[test]
+fn a_clipped_field_has_the_same_bits_for_any_order_threads_and_stops() {
+    let (scene, parameters) = room();
+    let parameters = Parameters { transfer: Transfer::Clip, ..parameters };
+    let plain = bits(&Baked::new(&scene, &parameters).path);
+    let mut dice = Dice(11);
+    let folder = tempfile::TempDir::new().unwrap();
+    let path = folder.path().join("test.field");
+    let mut stops = 0;
+    loop {
+        let order = Some(dice.shuffled(129));
+        let how = How { order, threads: 5, commit_every: 0.0, ..How::default() };
+        match bake_to(&path, &scene, &parameters, &How { stop_after: Some(20), ..how }) {
+            Outcome::Finished => break,
+            Outcome::Stopped => stops += 1,
+        }
+    }
+    assert!(stops >= 4, "stopped only {stops} times");
+    let other = bits(&path);
+    assert_eq!(plain.0, other.0, "another digest");
+    assert!(plain.1 == other.1, "another pack");
 }
 
 #[test]

@@ -454,6 +454,43 @@ fn a_limit_on_the_size_of_files_is_a_full_disk() {
     plain.ends_the_same(&field);
 }
 
+/// A limit on the address space refuses the mapping, not the picture.
+#[test]
+fn where_a_pack_cannot_be_mapped_it_is_read() {
+    let folder = TempDir::new().unwrap();
+    let parameters = common::parameters(129, 128, 1);
+    let baked = common::Baked::new(&common::scene("office"), &parameters);
+    let pack = folder.path().join("office.vlf");
+    let bytes = vlf::pack(&baked.path, &pack, vlf::Codec::Raw, &|_| {}).unwrap().bytes >> 10;
+    assert!(bytes > 16 << 10, "{bytes} KiB are too few to tell");
+    let picture = folder.path().join("p.exr");
+    let camera = obj("office").with_file_name("camera_a.json");
+    let render = |limit: Option<u64>, more: &[&str]| {
+        let _ = fs::remove_file(&picture);
+        let mut args = vec!["render".to_owned(), pack.display().to_string()];
+        args.extend(["-o".to_owned(), picture.display().to_string()]);
+        args.extend(["--camera".to_owned(), camera.display().to_string()]);
+        let how = ["--size", "16x12", "--samples", "1", "--threads", "1"];
+        args.extend(how.iter().chain(more).map(|a| (*a).to_owned()));
+        let limit = limit.map_or("unlimited".to_owned(), |limit| limit.to_string());
+        let mut command = shell(&format!("ulimit -v {limit}; exec \"$@\""), &args);
+        let output = command.env("VLF_LOG", "info").output().unwrap();
+        (output.status.success(), said(&output), fs::read(&picture).ok())
+    };
+    let (well, words, expected) = render(None, &[]);
+    assert!(well && !words.contains("read instead"), "{words}");
+    assert_eq!(render(None, &["--no-map"]).2, expected);
+    // The least address space, in KiB, in which it can be read. Another pack of the room is too much.
+    let (mut too_little, mut enough) = (0, 4 << 20);
+    while enough - too_little > 1 << 10 {
+        let half = u64::midpoint(too_little, enough);
+        *(if render(Some(half), &["--no-map"]).0 { &mut enough } else { &mut too_little }) = half;
+    }
+    let (well, words, found) = render(Some(enough + (4 << 10)), &[]);
+    assert!(well && words.contains("read instead"), "{words}");
+    assert_eq!(found, expected);
+}
+
 #[test]
 fn few_file_descriptors_are_enough() {
     let plain = Plain::new();

@@ -568,6 +568,10 @@ fn lies_with_sound_hashes_are_found() {
         (&whole, record, &|c| c[0].bytes[0] ^= 1, "identity"),
         (&whole, record, &|c| shorten(&mut c[0], 1), "no valid commit record"),
         (&half, &sums, &|c| shorten(&mut c[0], 64), "texels take"),
+        (&half, &sums, &|c| c[0].bytes[15] = 0x80, "a total is out of range"),
+        (&half, &sums, &|c| c[0].bytes[9 * 16 + 8] = 1, "a total is out of range"),
+        (&half, &sums, &|c| c[0].bytes[160 + 7] = 0x80, "texel's are negative"),
+        (&half, &sums, &|c| without_lines(&mut c[0]), "light of no line"),
         (&half, "unshot-0001/000004.tiles", &|c| drop(c.pop()), "does not hold the chunks"),
         (&half, "unshot-0001/000004.tiles", &|c| c[1].bytes[12] ^= 1, "arrived map"),
     ];
@@ -625,6 +629,11 @@ fn lies_with_sound_hashes_are_found() {
             Err(error) => assert_eq!(vlf::exit::code(&error), vlf::exit::CORRUPT, "{error}"),
         }
     }
+}
+
+/// Says of all sums that no line was added to them.
+fn without_lines(sums: &mut Chunk) {
+    sums.bytes[160..].chunks_exact_mut(32).for_each(|texel| texel[24..].fill(0));
 }
 
 /// Takes bytes from the end of a chunk.

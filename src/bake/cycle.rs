@@ -12,11 +12,11 @@ use super::reach::{CutViews, Reach, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
 use super::transfer::diffuse::{diffuse_factor, next_textures};
-use super::transfer::{Fixed, Quantum};
+use super::transfer::{self, Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, Progress, count_run};
 use crate::directions::Directions;
 use crate::field::files::BLOCK;
-use crate::field::pages::Pages;
+use crate::field::pages::{Pages, Spare};
 use crate::field::writer::{self, Maps};
 use crate::field::{Field, FieldError};
 use crate::format::Fault;
@@ -51,6 +51,8 @@ pub struct Bake<'a> {
     committed: Instant,
     counted: Instant,
     sealed: Sealed,
+    /// Memory of the page cache, between cycles.
+    spare: Spare,
     /// What paths through mirrors meet, where any are followed.
     visible: Option<Visible>,
     /// PSFs that this run has rasterised in the steps that it has ended, or what takes as long.
@@ -116,6 +118,7 @@ impl<'a> Bake<'a> {
             committed: Instant::now(),
             counted: Instant::now(),
             sealed: Sealed::default(),
+            spare: Spare::default(),
             work: 0.0,
             done_before: 0,
         };
@@ -246,7 +249,9 @@ impl<'a> Bake<'a> {
         if stores_mirrors && !self.all_done() {
             self.field.begin_folder(&folder)?;
         }
-        let pages = (stores_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating));
+        let spare = std::mem::take(&mut self.spare);
+        let pages =
+            (stores_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating).reusing(spare));
         let senders = self.few_senders(cycle);
         self.begin_step();
         while !self.all_done() {
@@ -281,7 +286,8 @@ impl<'a> Bake<'a> {
                 return Ok(Walk::Stopped);
             }
         }
-        drop((current, pages));
+        drop(current);
+        self.spare = pages.map(Pages::into_spare).unwrap_or_default();
         self.end_step(self.grids(cycle));
         let sums = workers
             .into_iter()
@@ -530,7 +536,7 @@ impl<'a> Bake<'a> {
         let mut open = open_areas(&self.areas, sums, counted);
         let struck = |value: usize| match few_send {
             true => repeats * lines * open[value],
-            false => sums[value][3] as f64,
+            false => transfer::lines(&sums[value]),
         };
         let how = (self.parameters.filter, self.parameters.one_sided);
         let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
@@ -586,6 +592,7 @@ impl<'a> Bake<'a> {
 
     /// Writes the total radiance maps, then ends the bake.
     fn totals(&mut self) -> Result<Walk, BakeError> {
+        self.spare = Spare::default();
         let total = self.texture(ChunkKind::TotalTexture)?;
         let lit = totals::lit_sides(self.texels, &total);
         let cycle = self.field.manifest().cycle;

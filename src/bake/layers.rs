@@ -6,6 +6,7 @@
 //! open, so that polygons that share an edge share no cell and leave none out. O(fragments).
 
 use super::homes::Homes;
+use super::transfer::clip::Projection;
 use super::window::Window;
 use crate::format::limits;
 use crate::ids::{Cell, Sense};
@@ -132,6 +133,26 @@ impl Outlines {
     fn of(&self, plane: &Plane) -> &[Outline] {
         &self.polygons[plane.polygons.0 as usize..plane.polygons.1 as usize]
     }
+}
+
+/// How the cells of a PSF fall on the lattices of all surfaces. Those edge-on have no fragments; what
+/// stands in their place is not to be used.
+pub fn projections(outlines: &Outlines, psf: &Psf, out: &mut Vec<Projection>) {
+    out.clear();
+    out.extend(outlines.surfaces.iter().map(|plane| {
+        let (size, first) = ([plane.width, plane.height], plane.first);
+        let Some(Gradients { column, row, .. }) = Gradients::new(plane, psf) else {
+            let none = [0.0; 2];
+            return Projection { at_origin: none, per_column: none, per_row: none, first, size };
+        };
+        Projection {
+            at_origin: [column.at_origin, row.at_origin],
+            per_column: [column.per_column, row.per_column],
+            per_row: [column.per_row, row.per_row],
+            first,
+            size,
+        }
+    }));
 }
 
 /// A function of column and row: `at_origin + x * per_column + y * per_row`.

@@ -5,7 +5,7 @@
 //! that stand the areas: what the texture maps hold. The difference is the error of sampling areas
 //! by lines, and is named.
 
-use super::transfer::{Fixed, Quantum};
+use super::transfer::{self, Fixed, Quantum};
 use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
 use crate::format::manifest::CycleLedger;
@@ -91,12 +91,16 @@ impl Tally {
     /// Reads what [`Tally::write`] wrote.
     ///
     /// # Errors
-    /// When the bytes end.
+    /// When the bytes end, a number is negative, or a count takes more than 64 bits.
     pub fn read(r: &mut Reader) -> Result<Tally, Fault> {
         let mut n = [0i128; Tally::NUMBERS];
         for v in &mut n {
             let (low, high) = (r.u64()?, r.u64()?);
             *v = i128::from(low) | (i128::from(high as i64) << 64);
+        }
+        let counts = &n[Tally::NUMBERS - 3..];
+        if n.iter().any(|v| *v < 0) || counts.iter().any(|v| u64::try_from(*v).is_err()) {
+            return Err(Fault::invalid("sums: a total is out of range"));
         }
         Ok(Tally::from_numbers(n))
     }
@@ -150,7 +154,7 @@ pub fn open_areas(areas: &[f32], sums: &[Fixed], lines: f64) -> Vec<f64> {
     const NEARLY_ALL: f64 = 0.75;
     let open = |(value, sum): (usize, &Fixed)| {
         let area = f64::from(areas[value / 2]);
-        let struck = sum[3] as f64 / lines;
+        let struck = transfer::lines(sum) / lines;
         if struck < NEARLY_ALL * area { struck } else { area }
     };
     sums.iter().enumerate().map(open).collect()
@@ -270,7 +274,7 @@ mod tests {
     #[test]
     fn only_texels_that_few_lines_struck_are_taken_to_be_covered() {
         // 10 lines a unit of area; sides with 0, 5, 8 and 12 lines.
-        let sums: Vec<Fixed> = [0, 5, 8, 12].map(|n| [0, 0, 0, n]).to_vec();
+        let sums: Vec<Fixed> = [0, 5, 8, 12].map(|n| [0, 0, 0, n * transfer::LINE]).to_vec();
         assert_eq!(open_areas(&[1.0, 1.0], &sums, 10.0), [0.0, 0.5, 1.0, 1.0]);
     }
 }

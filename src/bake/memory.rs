@@ -8,7 +8,9 @@ use super::ahead::gathered_from;
 use super::layers::Layers;
 use super::reach::Sealed;
 use super::step::{Scratch, Shared};
+use super::transfer::clip::Clip;
 use crate::field::writer::{WAITING, WRITERS};
+use crate::format::manifest::Transfer;
 use crate::ids::DirectionId;
 use crate::psf::Psf;
 use crate::scene::Scene;
@@ -154,8 +156,10 @@ impl Need {
         let extent =
             if stores { *extent } else { Extent { mirror_map: 0, excerpts: 0, ..*extent } };
         // A map that is being made takes twice its bytes, and once more when it is finished.
+        let clips = shared.parameters.transfer == Transfer::Clip;
+        let clip = if clips { Clip::BYTES + Clip::A_SURFACE * surfaces } else { 0 };
         let scratch =
-            layers + 6 * extent.mirror_map + extent.excerpts + mirrors * Scratch::A_MIRROR;
+            layers + clip + 6 * extent.mirror_map + extent.excerpts + mirrors * Scratch::A_MIRROR;
         let waiting = (WAITING + WRITERS) as u64;
         let propagating = scene
             + values * 32 * (1 + threads)

@@ -3,7 +3,7 @@
 //! In: a [`Scene`] and [`Parameters`]. Out: a field directory. The stages, in the data's order:
 //! [`homes`] (which texel a point belongs to), [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels), [`reach`] (where no light can come),
 //! [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
-//! [`totals`] (the last sweep).
+//! [`totals`] (the last sweep), [`mend`] (what of it went bad since).
 
 pub mod homes;
 
@@ -24,6 +24,8 @@ pub mod ledger;
 pub mod step;
 
 pub mod totals;
+
+pub mod mend;
 
 pub mod ahead;
 
@@ -75,6 +77,17 @@ pub enum BakeError {
         needs: String,
         /// What is there, in words.
         free: String,
+    },
+    /// Total maps of a finished field are damaged, and not all that they were made of is kept.
+    #[error(
+        "{fault}; {count} of the total maps are damaged and cannot be made again, since what arrived \
+         at the mirrors is kept only until a bake is finished. Bake the scene anew, under another name"
+    )]
+    Gone {
+        /// The first of them.
+        fault: FieldError,
+        /// How many.
+        count: usize,
     },
     /// The energy ledger does not close: light was lost or made by a fault of the program.
     #[error(
@@ -154,7 +167,8 @@ pub const LEDGER_TOLERANCE: f64 = 1e-3;
 pub const MOST_CYCLES: u32 = 200;
 
 /// Bakes a scene into a field at `path`, or goes on with the unfinished bake of the same scene and
-/// parameters that is there. What was done is committed at least every `commit_every` seconds.
+/// parameters that is there. What was done is committed at least every `commit_every` seconds. Total
+/// maps that are there already are read, and made again where they are damaged.
 ///
 /// # Errors
 /// Parameters out of range, too little memory, a field that is another's or damaged, a system that
@@ -191,6 +205,18 @@ pub fn bake_in(
     let mut field = Field::create_or_resume(storage, scene, parameters, exponent, options.terms)?;
     if let Some(notice) = field.notice() {
         tracing::warn!("{}: {notice}", field.path().display());
+    }
+    if field.manifest().phase != Phase::Propagating {
+        let outlines = layers::Outlines::new(scene, &texels);
+        let quantum = transfer::Quantum::new(most);
+        let (texels, directions) = (&texels, &directions);
+        let outlines = &outlines;
+        let shared =
+            step::Shared { scene, texels, outlines, directions, parameters, quantum, exponent };
+        let budget = options.memory.saturating_sub(need.fixed[1]);
+        if mend::mend(&shared, &mut field, budget, options)? == Outcome::Stopped {
+            return Ok(Outcome::Stopped);
+        }
     }
     if field.manifest().phase == Phase::Finished {
         if let Err(error) = field.settle() {

@@ -5,17 +5,18 @@
 //! function of its inputs, so that a step may be done again, in any order, by any thread.
 
 use super::exchange;
-use super::layers::{Fragment, Layers, Outlines};
+use super::layers::{Fragment, Layers, Outlines, projections};
 use super::ledger::{Tally, channels};
 use super::perturb;
 use super::reach::Sealed;
+use super::transfer::clip::{self, Clip, Ground, Projection};
 use super::transfer::specular::MirrorSender;
-use super::transfer::{Fixed, Quantum, add};
+use super::transfer::{Fixed, LINE, Quantum, add};
 use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::Pages;
 use crate::format::container::ChunkKind;
-use crate::format::manifest::Parameters;
+use crate::format::manifest::{Parameters, Transfer};
 use crate::format::tiles::{CoveredCell, TileMapWriter};
 use crate::ids::{Cell, DirectionId, Sense, Side, SurfaceId};
 use crate::paths::Paths;
@@ -93,6 +94,10 @@ pub struct Scratch {
     senders: Vec<Option<MirrorSender>>,
     used_senders: Vec<usize>,
     pairs: Vec<[u32; 2]>,
+    /// For clipping: the cell of each pair, and where cells fall.
+    cells: Vec<Cell>,
+    projections: Vec<Projection>,
+    clip: Clip,
     line: Vec<Fragment>,
     arrived: Vec<[Rgb; 2]>,
     tile: Vec<CoveredCell>,
@@ -125,7 +130,7 @@ pub struct Made {
 const FAR: f32 = 1.0;
 
 /// Nothing comes along a line from outside the scene; but it counts as a line.
-pub const FROM_OUTSIDE: Fixed = [0, 0, 0, 1];
+pub const FROM_OUTSIDE: Fixed = [0, 0, 0, LINE];
 
 impl Scratch {
     /// Bytes for each mirror, apart from excerpts.
@@ -138,6 +143,9 @@ impl Scratch {
             layers: Layers::default(),
             sums: vec![[0; 4]; 2 * texels.len() + 1],
             pairs: Vec::new(),
+            cells: Vec::new(),
+            projections: Vec::new(),
+            clip: Clip::default(),
             line: Vec::new(),
             tally: Tally::default(),
             senders: (0..2 * mirrors).map(|_| None).collect(),
@@ -182,6 +190,9 @@ pub fn shoot(
     for number in 0..cycle.perturbations {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
         let line = Line { shared, cycle, psf: &psf };
+        if line.clips() {
+            projections(shared.outlines, &psf, &mut scratch.projections);
+        }
         let double = shared.directions.shares(id) == 2;
         if let Some(senders) = cycle.senders.filter(|_| number > 0) {
             scratch.layers.rasterise_through(shared.outlines, &psf, senders);
@@ -325,9 +336,21 @@ impl Line<'_> {
         if is_diffuse(last) && !sealed.has(last.value_along()) {
             put(last.value_along(), outside);
         }
+        if self.clips() {
+            scratch.cells.resize(scratch.pairs.len(), cell);
+        }
         if has_mirrors {
             self.exchange_with_mirrors::<SHARES, COUNTS>(cell, scratch);
         }
+    }
+
+    fn clips(&self) -> bool {
+        self.shared.parameters.transfer == Transfer::Clip
+    }
+
+    fn ground<'a>(&'a self, projections: &'a [Projection]) -> Ground<'a> {
+        let surface_of = &self.shared.texels.surface_of;
+        Ground { projections, surface_of, sealed: self.cycle.sealed }
     }
 
     /// Whether a texture value sends anything.
@@ -352,15 +375,23 @@ impl Line<'_> {
     /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
     /// from finding the pairs, so that the processor can wait for many texels at once.
     fn transfer<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
-        let Scratch { pairs, sums, flow, tally, .. } = scratch;
-        for [near, far] in pairs.drain(..) {
-            let (near, far) = (near as usize, far as usize);
-            let (along, against) = (&self.cycle.current[near], &self.cycle.current[far]);
-            add::<SHARES, COUNTS>(&mut sums[far], along);
-            add::<SHARES, COUNTS>(&mut sums[near], against);
-            add::<SHARES, COUNTS>(&mut flow.shot, along);
-            add::<SHARES, COUNTS>(&mut flow.shot, against);
+        let Scratch { pairs, cells, sums, flow, tally, clip, projections, .. } = scratch;
+        let current = self.cycle.current;
+        if self.clips() {
+            let (ground, pairs) = (self.ground(projections), (cells.as_slice(), pairs.as_slice()));
+            let shot = clip.exchange::<SHARES, COUNTS>(pairs, &ground, current, sums);
+            add::<1, 1>(&mut flow.shot, &shot);
+        } else {
+            for [near, far] in pairs.iter().map(|ends| ends.map(|value| value as usize)) {
+                let (along, against) = (&current[near], &current[far]);
+                add::<SHARES, COUNTS>(&mut sums[far], along);
+                add::<SHARES, COUNTS>(&mut sums[near], against);
+                add::<SHARES, COUNTS>(&mut flow.shot, along);
+                add::<SHARES, COUNTS>(&mut flow.shot, against);
+            }
         }
+        pairs.clear();
+        cells.clear();
         // More leaves the scene over a cycle than one fixed number holds.
         let left = std::mem::take(&mut sums[self.cycle.outside()]);
         tally.left += i128::from(channels(&left));
@@ -410,7 +441,13 @@ impl Line<'_> {
     ) -> Fixed {
         let Some((_, fragment)) = sender else { return FROM_OUTSIDE };
         if fragment.texel() < self.shared.texels.diffuse {
-            let line = self.cycle.current[fragment.value(sense)];
+            let (value, current) = (fragment.value(sense), self.cycle.current);
+            let line = if self.clips() {
+                let ground = self.ground(&scratch.projections);
+                clip::mean(scratch.clip.taps(cell, value as u32, &ground), current)
+            } else {
+                current[value]
+            };
             add::<SHARES, COUNTS>(&mut scratch.flow.shot, &line);
             return line;
         }
@@ -432,6 +469,11 @@ impl Line<'_> {
     ) {
         match receiver {
             None => add::<SHARES, COUNTS>(&mut scratch.sums[self.cycle.outside()], line),
+            Some((_, f)) if f.texel() < self.shared.texels.diffuse && self.clips() => {
+                // The other end is a mirror: these are still the taps of this one.
+                let taps = scratch.clip.last_taps();
+                clip::share_out::<SHARES, COUNTS>(line, taps, &mut scratch.sums);
+            }
             Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
                 add::<SHARES, COUNTS>(&mut scratch.sums[f.value(sense)], line);
             }

@@ -219,6 +219,11 @@ pub struct Render {
     /// this no picture is made then (exit code 4)
     #[arg(long)]
     pub tolerate: bool,
+    /// Read a pack piece by piece instead of mapping it. Use this when others may cut the file short
+    /// meanwhile: that ends a process which has mapped it with SIGBUS. `vlf info` and `vlf verify`
+    /// never map
+    #[arg(long)]
+    pub no_map: bool,
     /// Exposure of a PNG in EV (powers of two) [default: from the picture]
     #[arg(long, value_name = "EV", allow_hyphen_values = true)]
     pub exposure: Option<f32>,

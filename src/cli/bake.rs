@@ -2,7 +2,7 @@
 
 use super::args::{self, SyncPolicy};
 use super::progress::{Bar, tell};
-use super::{info, say, usage};
+use super::{group, info, say, usage};
 use anyhow::Context;
 use bytesize::ByteSize;
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -108,17 +108,6 @@ pub fn defaults(quality: Quality) -> Parameters {
     Parameters { perturbations: quality.perturbations(), ..Parameters::default() }
 }
 
-/// The least that the control groups of this process allow it, where there are any.
-fn group_limit() -> Option<u64> {
-    let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
-    let own = groups.lines().find_map(|line| line.strip_prefix("0::/"))?;
-    let limits = Path::new(own).ancestors().filter_map(|group| {
-        let file = Path::new("/sys/fs/cgroup").join(group).join("memory.max");
-        std::fs::read_to_string(file).ok()?.trim().parse().ok()
-    });
-    limits.min()
-}
-
 /// Seconds between commits, and whether they are synced.
 pub fn commits(sync: SyncPolicy) -> (f64, bool) {
     match sync {
@@ -135,7 +124,7 @@ pub fn bake_with_bar(
     output: &Path,
     how: How,
 ) -> anyhow::Result<u8> {
-    if let Some(limit) = group_limit().filter(|limit| how.memory > *limit) {
+    if let Some(limit) = group::memory_limit().filter(|limit| how.memory > *limit) {
         let words = |bytes| ByteSize::b(bytes).display().iec().to_string();
         let (memory, limit) = (words(how.memory), words(limit));
         return Err(

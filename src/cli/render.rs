@@ -26,7 +26,10 @@ pub fn run(a: &args::Render) -> anyhow::Result<u8> {
     let kind = kind(&a.output)?;
     let camera = camera(a)?;
     may_replace(&a.output, kind)?;
-    let field = LightField::open(&a.field)?;
+    let field = match a.no_map {
+        true => LightField::open_unmapped(&a.field)?,
+        false => LightField::open(&a.field)?,
+    };
     let visible = Visible::new(&field.scene);
     check_eye(&field, &visible, &camera)?;
     let options = (a.method.into(), Options { samples: a.samples });

@@ -294,7 +294,8 @@ impl Field {
                 sync(name)?;
                 continue;
             };
-            { files.iter() }.try_for_each(|f| sync(&format!("{name}/{f}")))?;
+            let ours = files.iter().filter(|f| names::is_tile_file(f));
+            { ours }.try_for_each(|f| sync(&format!("{name}/{f}")))?;
             self.name_changed_in(name);
         }
         self.sync_folders()

@@ -86,7 +86,20 @@ impl Opened {
     /// # Errors
     /// When it is damaged, or the system refuses.
     pub fn chunk(&mut self, entry: &ChunkEntry) -> Result<Vec<u8>, FieldError> {
-        let stored = self.stored(entry)?;
+        self.chunk_into(entry, Vec::new())
+    }
+
+    /// The same in memory that is at hand. A raw chunk needs its length and [`ALIGN`] bytes; with less,
+    /// there will be more.
+    ///
+    /// # Errors
+    /// As [`Opened::chunk`].
+    pub fn chunk_into(
+        &mut self,
+        entry: &ChunkEntry,
+        mut stored: Vec<u8>,
+    ) -> Result<Vec<u8>, FieldError> {
+        self.stored_into(entry, &mut stored)?;
         match container::decode(&self.directory.header.field, entry, &stored) {
             Ok(std::borrow::Cow::Borrowed(_)) => {}
             Ok(std::borrow::Cow::Owned(raw)) => return Ok(raw),
@@ -100,15 +113,23 @@ impl Opened {
     /// # Errors
     /// When the padding behind it is damaged, there is no memory for it, or the system refuses.
     pub fn stored(&mut self, entry: &ChunkEntry) -> Result<Vec<u8>, FieldError> {
+        let mut stored = Vec::new();
+        self.stored_into(entry, &mut stored)?;
+        Ok(stored)
+    }
+
+    fn stored_into(&mut self, entry: &ChunkEntry, stored: &mut Vec<u8>) -> Result<(), FieldError> {
         let length = entry.stored as usize + entry.padding();
-        let name = || entry.id.to_string();
-        let mut stored = room_for(length as u64, name).map_err(|f| self.fault(f))?;
+        if stored.capacity() < length {
+            let room = room_for(length as u64, || entry.id.to_string());
+            *stored = room.map_err(|f| self.fault(f))?;
+        }
         stored.resize(length, 0);
-        self.read(entry.offset, &mut stored)?;
+        self.read(entry.offset, stored)?;
         let padding = entry.check_padding(&stored[entry.stored as usize..]);
         padding.map_err(|f| self.fault(f))?;
         stored.truncate(entry.stored as usize);
-        Ok(stored)
+        Ok(())
     }
 
     /// Hands a raw chunk over in blocks of [`BLOCK`] bytes. Whether it is sound is known at the end.

@@ -17,7 +17,7 @@ pub mod pages;
 
 pub mod writer;
 
-use crate::format::container::{FieldId, FileKind, Header, NO_DIRECTION};
+use crate::format::container::{FieldId, FileKind, Header, MAGIC, NO_DIRECTION};
 use crate::format::manifest::{Manifest, Parameters, Phase, Statistics, header, record_to_bytes};
 use crate::format::{Fault, FormatError, names};
 use crate::scene::{Scene, stored};
@@ -328,7 +328,8 @@ impl Field {
 }
 
 /// Whether a field is there, or may be made there: nothing, an empty folder, a field, or one whose
-/// making was stopped before its first commit.
+/// making was stopped before its first commit. Beside a commit record, files of others are left alone:
+/// file managers and editors put theirs everywhere.
 fn may_be_field(storage: &dyn Storage) -> Result<bool, FieldError> {
     let names = match storage.list("") {
         Ok(names) => names,
@@ -336,10 +337,14 @@ fn may_be_field(storage: &dyn Storage) -> Result<bool, FieldError> {
         Err(e) if e.kind() == io::ErrorKind::NotADirectory => return Ok(false),
         Err(e) => return Err(FieldError::io("list", storage.place())(e)),
     };
-    let is_begun = names.iter().any(|n| names::MANIFESTS.contains(&n.as_str()));
+    if names.iter().any(|n| names::MANIFESTS.contains(&n.as_str())) {
+        let records = manifest_files(storage)?.into_iter().flatten();
+        let mut ours = records.map(|(_, bytes)| bytes.starts_with(&MAGIC[..4]));
+        return Ok(ours.any(|ours| ours) || names.iter().all(|n| names::is_ours(n)));
+    }
     let is_first =
         |n: &String| n == names::LOCK || n == names::SCENE || n.ends_with(names::TEMPORARY);
-    Ok(names.iter().all(|n| names::is_ours(n) && (is_begun || is_first(n))))
+    Ok(names.iter().all(|n| names::is_ours(n) && is_first(n)))
 }
 
 fn locked(storage: &dyn Storage) -> Result<Lock, FieldError> {
@@ -396,6 +401,7 @@ mod tests {
     use crate::format::manifest::Specular;
     use crate::format::tiles::exponent_for;
     use crate::radiance::Rgb;
+    use std::io::Write;
 
     fn parameters() -> Parameters {
         Parameters {
@@ -408,7 +414,7 @@ mod tests {
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
-            specular: Specular::Maps,
+            specular: crate::format::manifest::Specular::Maps,
             resample: false,
             ..Parameters::default()
         }
@@ -529,5 +535,33 @@ mod tests {
         assert!(matches!(create("theirs", &parameters()), Err(FieldError::Foreign(_))));
         assert!(matches!(create("theirs/letter", &parameters()), Err(FieldError::Foreign(_))));
         assert_eq!(std::fs::read_dir(&theirs).unwrap().count(), 1);
+        // A name of ours makes nobody's folder a field.
+        std::fs::write(theirs.join(names::MANIFESTS[0]), "of the ship").unwrap();
+        assert!(matches!(create("theirs", &parameters()), Err(FieldError::Foreign(_))));
+        assert_eq!(std::fs::read_dir(&theirs).unwrap().count(), 2);
+    }
+
+    /// What file managers and editors leave everywhere.
+    #[test]
+    fn files_of_others_in_a_field_are_left_alone() {
+        let storage = Arc::new(Memory::default());
+        let mut field = create(&storage, &parameters()).unwrap();
+        field.begin_folder(&names::generation(1)).unwrap();
+        let theirs = [".DS_Store", "Thumbs.db", "scene~", ".scene.swp", "notes.tmp"];
+        let theirs = theirs.map(str::to_owned).into_iter().chain(["unshot-0001/.DS_Store".into()]);
+        let theirs: Vec<String> = theirs.collect();
+        for name in &theirs {
+            storage.create(name, 0).unwrap().write_all(b"theirs").unwrap();
+        }
+        for generation in 1..=4 {
+            drop(field);
+            field = create(&storage, &parameters()).unwrap();
+            field.begin_folder(&names::generation(generation)).unwrap();
+            field.manifest_mut().cycle = generation;
+            field.commit().unwrap();
+        }
+        for name in &theirs {
+            assert_eq!(files::read(&*storage, name).unwrap(), b"theirs", "{name}");
+        }
     }
 }

@@ -4,6 +4,10 @@
 //! before it is read: other pages that nobody holds make room, the one that was used longest ago
 //! first, and if all are held the reader waits. Pages that are read ahead make room only at the cost
 //! of used ones, so that readers ahead never chase each other's pages out.
+//!
+//! The memory of a page that is given up is that of the next one. Left to the allocator, which keeps a
+//! store for each thread, what one thread gave back would not be found by another: small caches grew
+//! to twice their budget.
 
 use super::storage::Storage;
 use super::{FieldError, files};
@@ -19,16 +23,64 @@ use std::time::Instant;
 /// Which section of which direction.
 pub type Key = (u32, ChunkKind);
 
+/// Memory for a page of up to `room` bytes; that many of the budget are its.
+struct Buffer {
+    bytes: Vec<u8>,
+    room: u64,
+}
+
+/// Memory of pages that were given up, for the next ones.
+#[derive(Default)]
+pub struct Spare {
+    /// By their room.
+    buffers: BTreeMap<u64, Vec<Vec<u8>>>,
+    /// Room of all.
+    bytes: u64,
+}
+
+impl Spare {
+    fn put(&mut self, Buffer { bytes, room }: Buffer) {
+        self.buffers.entry(room).or_default().push(bytes);
+        self.bytes += room;
+    }
+
+    /// The smallest that has room for so many bytes.
+    fn take(&mut self, bytes: u64) -> Option<Buffer> {
+        let room = *self.buffers.range(bytes..).next()?.0;
+        self.take_of(room)
+    }
+
+    /// Frees the largest ones until so many bytes are free or none is left; returns the bytes freed.
+    fn free(&mut self, bytes: u64) -> u64 {
+        let before = self.bytes;
+        while before - self.bytes < bytes {
+            let Some(room) = self.buffers.last_key_value().map(|(room, _)| *room) else { break };
+            self.take_of(room);
+        }
+        before - self.bytes
+    }
+
+    fn take_of(&mut self, room: u64) -> Option<Buffer> {
+        let same = self.buffers.get_mut(&room)?;
+        let bytes = same.pop()?;
+        if same.is_empty() {
+            self.buffers.remove(&room);
+        }
+        self.bytes -= room;
+        Some(Buffer { bytes, room })
+    }
+}
+
 /// One direction's tile map, checked.
 pub struct Page {
-    bytes: Vec<u8>,
+    buffer: Buffer,
     layout: Layout,
 }
 
 impl Page {
     /// The map.
     pub fn map(&self) -> TileMap<'_> {
-        TileMap::new(&self.bytes, &self.layout)
+        TileMap::new(&self.buffer.bytes, &self.layout)
     }
 }
 
@@ -52,7 +104,9 @@ struct State {
     idle: BTreeMap<u64, Key>,
     idle_fresh: BTreeMap<u64, Key>,
     clock: u64,
+    /// Of all pages, and of the memory that is kept for the next ones.
     bytes: u64,
+    spare: Spare,
     given_up: HashSet<Key>,
     figures: CacheFigures,
 }
@@ -71,9 +125,15 @@ pub struct Pages {
 
 /// A page that its holder may look at; nobody gives it up meanwhile.
 pub struct Held<'a> {
+    // Dropped in this order: when the hold is let go, the cache alone has the page.
+    page: Arc<Page>,
+    _hold: Hold<'a>,
+}
+
+/// Keeps a page from being given up.
+struct Hold<'a> {
     pages: &'a Pages,
     key: Key,
-    page: Arc<Page>,
 }
 
 impl Deref for Held<'_> {
@@ -84,7 +144,7 @@ impl Deref for Held<'_> {
     }
 }
 
-impl Drop for Held<'_> {
+impl Drop for Hold<'_> {
     fn drop(&mut self) {
         self.pages.release(self.key);
     }
@@ -102,10 +162,28 @@ impl State {
         true
     }
 
+    /// Takes a page that nobody holds out and keeps its memory.
     fn forget(&mut self, key: Key) {
-        if let Some(Slot::Ready { page, .. }) = self.slots.remove(&key) {
-            self.bytes -= page.bytes.len() as u64;
+        if let Some(Slot::Ready { page, .. }) = self.slots.remove(&key)
+            && let Some(page) = Arc::into_inner(page)
+        {
+            self.spare.put(page.buffer);
         }
+    }
+
+    /// Memory for a page out of the spare, or new if a budget has room for it. Spare memory that is too
+    /// small makes way for new.
+    fn room(&mut self, bytes: u64, budget: u64) -> Option<Buffer> {
+        let mut buffer = self.spare.take(bytes);
+        if buffer.is_none() {
+            self.bytes -= self.spare.free(bytes);
+            if self.bytes + bytes <= budget {
+                self.bytes += bytes;
+                buffer = Some(Buffer { bytes: Vec::new(), room: bytes });
+            }
+        }
+        self.figures.peak = self.figures.peak.max(self.bytes);
+        buffer
     }
 
     fn tick(&mut self) -> u64 {
@@ -123,6 +201,22 @@ impl Pages {
         let largest = budget / (2 * threads.max(1) as u64);
         let (state, changed) = (Mutex::default(), Condvar::new());
         Pages { storage, header, folder, budget, largest, state, changed }
+    }
+
+    /// The same with memory of the cache before it.
+    pub fn reusing(mut self, mut spare: Spare) -> Pages {
+        spare.free(spare.bytes.saturating_sub(self.budget));
+        let state = self.state.get_mut().unwrap_or_else(PoisonError::into_inner);
+        (state.bytes, state.spare) = (spare.bytes, spare);
+        self
+    }
+
+    /// Gives all pages up; returns their memory.
+    pub fn into_spare(self) -> Spare {
+        let mut state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let keys: Vec<Key> = state.slots.keys().copied().collect();
+        keys.into_iter().for_each(|key| state.forget(key));
+        state.spare
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -158,7 +252,7 @@ impl Pages {
                         None => state.figures.hits += 1,
                         Some(_) => count_wait(&mut state.figures, began),
                     }
-                    return Ok(Held { pages: self, key, page });
+                    return Ok(Held { page, _hold: Hold { pages: self, key } });
                 }
                 Some(Slot::Reading) => {
                     began.get_or_insert_with(Instant::now);
@@ -174,7 +268,7 @@ impl Pages {
         let mut state = self.state();
         count_wait(&mut state.figures, began);
         match page {
-            Some(page) => Ok(Held { pages: self, key, page }),
+            Some(page) => Ok(Held { page, _hold: Hold { pages: self, key } }),
             // Never: who may wait gets the page.
             None => Err(self.fault(direction, Fault::Missing(format!("{kind:?}")))),
         }
@@ -195,27 +289,32 @@ impl Pages {
         self.bring(key, false).map(|_| ())
     }
 
-    /// Reads a page whose slot says so. Who `wants` it holds it then; others may go without.
+    /// Reads a page whose slot says so. Who `wants` it gets it and holds it then; others may go without.
     fn bring(&self, key: Key, wants: bool) -> Result<Option<Arc<Page>>, FieldError> {
-        let result = self.read(key, wants);
+        let read = self.read(key, wants);
         let mut state = self.state();
-        let ready = match &result {
+        let result = match read {
             Ok(Some(page)) => {
-                let (page, used) = (page.clone(), state.tick());
+                let (page, used) = (Arc::new(page), state.tick());
                 if !wants {
                     state.idle_fresh.insert(used, key);
                 }
-                let holders = u32::from(wants);
-                state.slots.insert(key, Slot::Ready { page, used, holders, fresh: !wants })
+                let wanted = wants.then(|| page.clone());
+                let slot = Slot::Ready { page, used, holders: u32::from(wants), fresh: !wants };
+                state.slots.insert(key, slot);
+                Ok(wanted)
             }
-            _ => state.slots.remove(&key),
+            other => {
+                state.slots.remove(&key);
+                other.map(|_| None)
+            }
         };
-        drop((ready, state));
+        drop(state);
         self.changed.notify_all();
         result
     }
 
-    fn read(&self, key: Key, may_wait: bool) -> Result<Option<Arc<Page>>, FieldError> {
+    fn read(&self, key: Key, may_wait: bool) -> Result<Option<Page>, FieldError> {
         let (direction, kind) = key;
         let name = names::tile_file(&self.folder, direction);
         let header = Header { direction, ..self.header.clone() };
@@ -226,14 +325,14 @@ impl Pages {
             let what = "page of unshot radiance (grant the bake more --memory): its length";
             return Err(self.fault(direction, Fault::Limit { what, value: entry.raw, limit }));
         }
-        if !self.reserve(entry.raw, may_wait) {
+        let Some(Buffer { bytes, room }) = self.reserve(entry.raw, may_wait) else {
             return Ok(None);
-        }
-        let page = file.chunk(&entry).and_then(|bytes| {
+        };
+        let page = file.chunk_into(&entry, bytes).and_then(|bytes| {
             let Header { resolution, tile, surfaces, exponent, .. } = self.header;
             let layout = Layout::check(&bytes, resolution, tile, surfaces, exponent)
                 .map_err(|f| f.in_file(file.path.display()))?;
-            Ok(Arc::new(Page { bytes, layout }))
+            Ok(Page { buffer: Buffer { bytes, room }, layout })
         });
         let mut state = self.state();
         match &page {
@@ -241,24 +340,22 @@ impl Pages {
                 state.figures.bytes += entry.raw;
                 state.figures.redundant += u64::from(state.given_up.contains(&key));
             }
-            Err(_) => state.bytes -= entry.raw,
+            Err(_) => state.bytes -= room,
         }
         page.map(Some)
     }
 
-    /// Reserves bytes, giving idle pages up for them. Says whether it could; who may wait does until
-    /// it can.
-    fn reserve(&self, bytes: u64, may_wait: bool) -> bool {
+    /// Memory for a page, for which idle ones may be given up. Who may wait does until there is some.
+    fn reserve(&self, bytes: u64, may_wait: bool) -> Option<Buffer> {
         let mut state = self.state();
         loop {
-            if state.bytes + bytes <= self.budget {
-                state.bytes += bytes;
-                state.figures.peak = state.figures.peak.max(state.bytes);
-                return true;
+            let buffer = state.room(bytes, self.budget);
+            if buffer.is_some() {
+                return buffer;
             }
             if !state.give_one_up(may_wait) {
                 if !may_wait {
-                    return false;
+                    return None;
                 }
                 state = self.wait(state);
             }

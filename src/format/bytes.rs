@@ -1,5 +1,11 @@
 //! Little-endian numbers in and out of byte strings, without a panic on short input.
 
+#![deny(
+    clippy::arithmetic_side_effects,
+    clippy::cast_possible_truncation,
+    clippy::indexing_slicing
+)]
+
 use super::Fault;
 
 /// Appends little-endian numbers to a byte string.
@@ -40,6 +46,7 @@ impl Writer {
         self.u64(v.to_bits());
     }
     /// Length and UTF-8 bytes.
+    #[allow(clippy::cast_possible_truncation, reason = "names are far shorter")]
     pub fn text(&mut self, v: &str) {
         self.u32(v.len() as u32);
         self.0.extend_from_slice(v.as_bytes());
@@ -70,7 +77,7 @@ impl<'a> Reader<'a> {
 
     /// How many bytes are left.
     pub fn left(&self) -> usize {
-        self.bytes.len() - self.at
+        self.bytes.len().saturating_sub(self.at)
     }
 
     /// The next `n` bytes.
@@ -78,10 +85,10 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// When fewer are left.
     pub fn take(&mut self, n: usize) -> Result<&'a [u8], Fault> {
-        let end = self.at.checked_add(n).filter(|e| *e <= self.bytes.len()).ok_or_else(|| {
+        let end = self.at.saturating_add(n);
+        let taken = self.bytes.get(self.at..end).ok_or_else(|| {
             Fault::invalid(format!("{n} bytes wanted at {:#x}, {} left", self.at, self.left()))
         })?;
-        let taken = &self.bytes[self.at..end];
         self.at = end;
         Ok(taken)
     }
@@ -170,7 +177,7 @@ impl<'a> Reader<'a> {
     /// When the bytes left cannot hold that many.
     pub fn count(&mut self, size: usize) -> Result<usize, Fault> {
         let count = self.u32()?;
-        if u64::from(count) * size as u64 > self.left() as u64 {
+        if u64::from(count).saturating_mul(size as u64) > self.left() as u64 {
             return Err(Fault::invalid(format!(
                 "{count} items do not fit into {} bytes",
                 self.left()
@@ -190,19 +197,29 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// The little-endian number at an index of a table that has been checked to hold it.
-pub fn u32_at(table: &[u8], index: usize) -> u32 {
-    let b = &table[4 * index..4 * index + 4];
-    u32::from_le_bytes([b[0], b[1], b[2], b[3]])
-}
+pub use tables::{u16_at, u32_at, u64_at};
 
-/// The little-endian number at an index of a table that has been checked to hold it.
-pub fn u64_at(table: &[u8], index: usize) -> u64 {
-    let b = &table[8 * index..8 * index + 8];
-    u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]])
-}
+/// Lookups in tables that were checked as a whole, for the innermost loops.
+#[allow(
+    clippy::arithmetic_side_effects,
+    clippy::indexing_slicing,
+    reason = "the table holds the index"
+)]
+mod tables {
+    /// The little-endian number at an index of a table that has been checked to hold it.
+    pub fn u32_at(table: &[u8], index: usize) -> u32 {
+        let b = &table[4 * index..4 * index + 4];
+        u32::from_le_bytes([b[0], b[1], b[2], b[3]])
+    }
 
-/// The little-endian number at an index of a table that has been checked to hold it.
-pub fn u16_at(table: &[u8], index: usize) -> u16 {
-    u16::from_le_bytes([table[2 * index], table[2 * index + 1]])
+    /// The little-endian number at an index of a table that has been checked to hold it.
+    pub fn u64_at(table: &[u8], index: usize) -> u64 {
+        let b = &table[8 * index..8 * index + 8];
+        u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]])
+    }
+
+    /// The little-endian number at an index of a table that has been checked to hold it.
+    pub fn u16_at(table: &[u8], index: usize) -> u16 {
+        u16::from_le_bytes([table[2 * index], table[2 * index + 1]])
+    }
 }

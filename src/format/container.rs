@@ -9,6 +9,12 @@
 //! A chunk's hash is seeded with its identity (field, kind, cycle, direction), so that a sound chunk
 //! in the wrong place fails too. It covers the stored bytes and is checked before they are decoded.
 
+#![deny(
+    clippy::arithmetic_side_effects,
+    clippy::cast_possible_truncation,
+    clippy::indexing_slicing
+)]
+
 use super::bytes::{Reader, Writer};
 use super::{Fault, FormatError, READS_MAJOR, limits, room_for, tiles};
 use std::borrow::Cow;
@@ -295,7 +301,7 @@ fn most_raw(kind: ChunkKind, header: &Header) -> u64 {
 
 /// The most bytes that `raw` bytes may take when they are stored.
 fn most_stored(raw: u64) -> u64 {
-    raw + raw / 256 + 64
+    raw.saturating_add(raw / 256).saturating_add(64)
 }
 
 impl Header {
@@ -363,25 +369,26 @@ impl Header {
     /// Checks a first block against the length of its file. Returns it with the number of chunks and
     /// the directory's hash.
     fn parse(block: &[u8], file_len: u64) -> Result<(Header, u64, u64), Fault> {
-        let head = &block[..block.len().min(8)];
-        if head != &MAGIC[..head.len()] || head.is_empty() {
+        let is_magic = block.iter().zip(&MAGIC).all(|(byte, magic)| byte == magic);
+        if !is_magic || block.is_empty() {
             // CR LF turned into LF, or LF into CR LF, right behind the letters.
-            let mangled = head.len() > 4 && head[1..4] == MAGIC[1..4];
+            let mangled = block.len() > 4 && block.get(1..4) == MAGIC.get(1..4);
             return Err(if mangled { Fault::TextMode } else { Fault::Foreign });
         }
-        if block.len() < FIRST_BLOCK {
+        let whole = block.get(..FIRST_BLOCK).and_then(|block| block.split_at_checked(HASH_AT));
+        let Some((hashed, hash)) = whole else {
             return Err(Fault::Truncated { expected: FIRST_BLOCK as u64, actual: file_len });
-        }
-        let mut r = Reader::new(&block[8..FIRST_BLOCK]);
+        };
+        let mut r = Reader::new(hashed);
+        r.take(MAGIC.len())?;
         match r.u32()? {
             SENTINEL => {}
             v if v == SENTINEL.swap_bytes() => return Err(Fault::ByteOrder),
             _ => return Err(Fault::Checksum { what: "first block".into(), offset: 0 }),
         }
         let (major, minor) = (r.u16()?, r.u16()?);
-        let hash = XxHash3_64::oneshot(&block[..HASH_AT]);
-        let stated = Reader::new(&block[HASH_AT..FIRST_BLOCK]).u64()?;
-        if major == READS_MAJOR && hash != stated {
+        let stated = Reader::new(hash).u64()?;
+        if major == READS_MAJOR && XxHash3_64::oneshot(hashed) != stated {
             return Err(Fault::Checksum { what: "first block".into(), offset: 0 });
         }
         if major != READS_MAJOR {
@@ -404,7 +411,7 @@ impl Header {
         let tile = limit("tile size", r.u32()?, limits::TILE)?;
         let exponent = r.i32()?;
         let surfaces = limit("surface count", r.u32()?, limits::SURFACES)?;
-        if tile == 0 || resolution == 0 || resolution % tile != 0 {
+        if tile == 0 || resolution == 0 || !resolution.is_multiple_of(tile) {
             return Err(Fault::invalid(format!("resolution {resolution} in tiles of {tile}")));
         }
         if !(-100..=100).contains(&exponent) {
@@ -414,14 +421,13 @@ impl Header {
         field.copy_from_slice(r.take(16)?);
         let (generation, direction) = (r.u32()?, r.u32()?);
         let (chunks, directory_hash, stated_len) = (r.u64()?, r.u64()?, r.u64()?);
-        if r.take(r.left() - 8)?.iter().any(|b| *b != 0) {
+        if r.take(r.left())?.iter().any(|b| *b != 0) {
             return Err(Fault::invalid("reserved bytes of the first block are not zero"));
         }
-        if file_len < stated_len {
-            return Err(Fault::Truncated { expected: stated_len, actual: file_len });
-        }
-        if file_len > stated_len {
-            return Err(Fault::Surplus(file_len - stated_len));
+        match file_len.checked_sub(stated_len) {
+            None => return Err(Fault::Truncated { expected: stated_len, actual: file_len }),
+            Some(0) => {}
+            Some(surplus) => return Err(Fault::Surplus(surplus)),
         }
         let header = Header {
             kind,
@@ -483,9 +489,14 @@ impl ChunkEntry {
     }
 
     /// Bytes of the padding behind it.
+    #[allow(
+        clippy::arithmetic_side_effects,
+        clippy::cast_possible_truncation,
+        reason = "a remainder of 64"
+    )]
     pub fn padding(&self) -> usize {
-        let rest = (self.offset % ALIGN as u64 + self.stored % ALIGN as u64) as usize;
-        rest.next_multiple_of(ALIGN) - rest
+        let end = self.offset.wrapping_add(self.stored);
+        (end.wrapping_neg() % ALIGN as u64) as usize
     }
 
     /// Checks the padding behind it.
@@ -546,7 +557,7 @@ impl Directory {
             .checked_mul(ENTRY as u64)
             .and_then(|d| d.checked_add(FIRST_BLOCK as u64))
             .filter(|end| *end <= file_len)
-            .map(|end| end as usize)
+            .and_then(|end| usize::try_from(end).ok())
             .ok_or_else(|| Fault::invalid(format!("no room for a directory of {chunks} chunks")))
     }
 
@@ -625,6 +636,19 @@ impl Directory {
         entry.check_padding(padding)?;
         decode(&self.header.field, entry, stored)
     }
+
+    /// The same for a chunk whose stored bytes were read with the padding behind them.
+    ///
+    /// # Errors
+    /// As [`Directory::chunk`].
+    pub fn chunk_read(&self, mut framed: Vec<u8>, entry: &ChunkEntry) -> Result<Vec<u8>, Fault> {
+        let stored = usize::try_from(entry.stored).unwrap_or(usize::MAX);
+        entry.check_padding(&framed.split_off(stored.min(framed.len())))?;
+        match decode(&self.header.field, entry, &framed)? {
+            Cow::Borrowed(_) => Ok(framed),
+            Cow::Owned(raw) => Ok(raw),
+        }
+    }
 }
 
 /// Writes a container chunk by chunk; the number of chunks is fixed at the start, so that the
@@ -637,6 +661,12 @@ pub struct ContainerWriter<W: Write + Seek> {
     at: u64,
 }
 
+#[allow(
+    clippy::arithmetic_side_effects,
+    clippy::cast_possible_truncation,
+    clippy::indexing_slicing,
+    reason = "counts what it has written itself"
+)]
 impl<W: Write + Seek> ContainerWriter<W> {
     /// Leaves room for first block and directory.
     ///
@@ -747,6 +777,7 @@ impl<W: Write + Seek> ContainerWriter<W> {
 }
 
 /// Bytes of a container whose chunks store so many.
+#[allow(clippy::arithmetic_side_effects, reason = "of chunks that are in memory or on a disk")]
 pub fn length(stored: impl ExactSizeIterator<Item = u64>) -> u64 {
     let pad = |at: u64| at.next_multiple_of(ALIGN as u64);
     let directory = (FIRST_BLOCK + ENTRY * stored.len()) as u64;

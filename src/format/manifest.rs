@@ -3,6 +3,12 @@
 //! One record, encoded with bincode 2 (little-endian, fixed-width integers, fields in the order they
 //! stand here) inside a checksummed chunk. `format-spec/` lists the bytes.
 
+#![deny(
+    clippy::arithmetic_side_effects,
+    clippy::cast_possible_truncation,
+    clippy::indexing_slicing
+)]
+
 use super::container::{self, ChunkId, ChunkKind, FieldId, FileKind, Header, NO_DIRECTION};
 use super::{Fault, FormatError, limits};
 use serde::{Deserialize, Serialize};
@@ -190,11 +196,11 @@ pub struct CacheFigures {
 impl CacheFigures {
     /// Counts another run's figures in.
     pub fn add(&mut self, other: &CacheFigures) {
-        self.hits += other.hits;
-        self.misses += other.misses;
-        self.evictions += other.evictions;
-        self.redundant += other.redundant;
-        self.bytes += other.bytes;
+        self.hits = self.hits.saturating_add(other.hits);
+        self.misses = self.misses.saturating_add(other.misses);
+        self.evictions = self.evictions.saturating_add(other.evictions);
+        self.redundant = self.redundant.saturating_add(other.redundant);
+        self.bytes = self.bytes.saturating_add(other.bytes);
         self.peak = self.peak.max(other.peak);
         self.wait += other.wait;
     }
@@ -227,6 +233,7 @@ pub struct Manifest {
     pub digest: [u8; 16],
 }
 
+#[allow(clippy::cast_possible_truncation, reason = "the limit fits into 32 bits")]
 fn config() -> impl bincode::config::Config {
     bincode::config::standard()
         .with_little_endian()
@@ -249,7 +256,7 @@ pub fn record_to_bytes<T: Serialize>(record: &T) -> Result<Vec<u8>, Fault> {
 pub fn record_from_bytes<T: for<'a> Deserialize<'a>>(bytes: &[u8]) -> Result<T, Fault> {
     let (record, used) = bincode::serde::decode_from_slice(bytes, config())
         .map_err(|e| Fault::invalid(format!("record: {e}")))?;
-    match bytes.len() - used {
+    match bytes.len().saturating_sub(used) {
         0 => Ok(record),
         surplus => Err(Fault::Surplus(surplus as u64)),
     }
@@ -328,12 +335,15 @@ impl Manifest {
 
     /// Whether a direction of the step under way is done.
     pub fn is_done(&self, direction: u32) -> bool {
-        self.done[direction as usize / 8] >> (direction % 8) & 1 == 1
+        let byte = self.done.get(direction as usize / 8);
+        byte.is_some_and(|byte| byte >> (direction % 8) & 1 == 1)
     }
 
     /// Marks a direction of the step under way as done.
     pub fn mark_done(&mut self, direction: u32) {
-        self.done[direction as usize / 8] |= 1 << (direction % 8);
+        if let Some(byte) = self.done.get_mut(direction as usize / 8) {
+            *byte |= 1 << (direction % 8);
+        }
     }
 
     /// Directions of the step under way that are done.

@@ -5,7 +5,8 @@
 //! chunk's place. `format-spec/` describes every byte.
 //!
 //! Numbers are little-endian; sizes are checked before anything is allocated; nothing here is
-//! `unsafe`, and no serde runs on tables or tiles.
+//! `unsafe`, and no serde runs on tables or tiles. Arithmetic, casts and indexing that could fail are
+//! denied where untrusted bytes are read, but for [`tiles`], whose check comes before its lookups.
 
 pub mod bytes;
 

@@ -1,5 +1,11 @@
 //! Names of the files inside a field directory, built from numbers only.
 
+#![deny(
+    clippy::arithmetic_side_effects,
+    clippy::cast_possible_truncation,
+    clippy::indexing_slicing
+)]
+
 use std::path::{Path, PathBuf};
 
 /// The two commit records, the newer one in turn.
@@ -17,7 +23,8 @@ const TILES: &str = ".tiles";
 
 /// The commit record of a commit.
 pub fn manifest(sequence: u64) -> &'static str {
-    MANIFESTS[(sequence % 2) as usize]
+    let [even, odd] = MANIFESTS;
+    if sequence.is_multiple_of(2) { even } else { odd }
 }
 
 /// A file that is being written before it gets its name.

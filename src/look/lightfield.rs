@@ -1,6 +1,6 @@
 //! The reader: a finished field, packed or not, opened for looking (section 6, first method).
 //!
-//! In: a `.vlf` file, which is mapped, or a field directory. Out: the scene, the Total Texture Maps, and
+//! In: a `.vlf` file, mapped or read piece by piece, or a field directory. Out: the scene, the Total Texture Maps, and
 //! the radiance of any surface at any point in any direction. Nothing is computed, only looked up.
 //! Each direction's map is verified when it is first touched.
 
@@ -11,7 +11,7 @@ use crate::format::tiles::{Layout, TileMap};
 use crate::format::{Fault, FormatError, limits, names};
 use crate::gather::{Around, mirrored};
 use crate::ids::{DirectionId, Side, SurfaceId};
-use crate::look::mapping::Mapping;
+use crate::look::packed::{Access, PackFile};
 use crate::radiance::Rgb;
 use crate::scene::texels::{self, Texels};
 use crate::scene::{Reflectance, Scene, stored};
@@ -77,7 +77,7 @@ pub struct LightField {
 }
 
 enum Source {
-    Pack { name: String, file: Mapping, directory: Directory },
+    Pack { file: PackFile, directory: Directory },
     Field { path: PathBuf, header: Header },
 }
 
@@ -116,25 +116,34 @@ fn chunk_of(path: &Path, place: &Header, chunk: ChunkKind) -> Result<Vec<u8>, Lo
 }
 
 impl LightField {
-    /// Opens a packed field or a finished field directory.
+    /// Opens a packed field or a finished field directory. A pack is mapped where the system lets it
+    /// be; should someone cut the file short meanwhile, the process ends with SIGBUS.
     ///
     /// # Errors
     /// When it is missing, neither of the two, damaged, or not finished.
     pub fn open(path: &Path) -> Result<LightField, LookError> {
-        if path.is_dir() { Self::open_field(path) } else { Self::open_pack(path) }
+        Self::open_by(path, Access::Mapped)
     }
 
-    fn open_pack(path: &Path) -> Result<LightField, LookError> {
+    /// The same without a mapping: a pack is read piece by piece, and one that is cut short meanwhile
+    /// is an error like any other. Maps that were looked at stay in memory.
+    ///
+    /// # Errors
+    /// As [`LightField::open`].
+    pub fn open_unmapped(path: &Path) -> Result<LightField, LookError> {
+        Self::open_by(path, Access::Read)
+    }
+
+    fn open_by(path: &Path, access: Access) -> Result<LightField, LookError> {
+        if path.is_dir() { Self::open_field(path) } else { Self::open_pack(path, access) }
+    }
+
+    fn open_pack(path: &Path, access: Access) -> Result<LightField, LookError> {
         let failed = |source| LookError::Io { path: path.to_owned(), source };
         let name = path.display().to_string();
-        if fs::metadata(path).map_err(failed)?.len() == 0 {
-            return Err(Fault::Foreign.in_file(name).into());
-        }
-        let file = Mapping::open(path).map_err(failed)?;
-        let directory = container::open(&name, &file, FileKind::Pack)?;
-        let chunk = |kind| -> Result<Cow<'_, [u8]>, Fault> {
-            directory.chunk(&file, directory.find(kind, NO_DIRECTION)?)
-        };
+        let file = PackFile::open(path, access).map_err(failed)?;
+        let directory = file.directory()?;
+        let chunk = |kind| file.chunk(&directory, directory.find(kind, NO_DIRECTION)?);
         let parts = || -> Result<_, Fault> {
             let manifest: Manifest = record_from_bytes(&chunk(ChunkKind::Record)?)?;
             manifest.check(&directory.header)?;
@@ -148,12 +157,12 @@ impl LightField {
             check_scene(&scene, directory.header.surfaces)?;
             let texture = directory.find(ChunkKind::TotalTexture, NO_DIRECTION)?;
             let (texels, total) =
-                textures_of(&scene, &manifest, texture.raw, || directory.chunk(&file, texture))?;
+                textures_of(&scene, &manifest, texture.raw, || file.chunk(&directory, texture))?;
             Ok((manifest, scene, texels, total))
         };
         let (manifest, scene, texels, total) = parts().map_err(|f| f.in_file(&name))?;
         let exponent = directory.header.exponent;
-        let source = Source::Pack { name: name.clone(), file, directory };
+        let source = Source::Pack { file, directory };
         Self::assemble(&name, (scene, texels, total), manifest, exponent, source)
     }
 
@@ -215,7 +224,7 @@ impl LightField {
         let stored = stored.as_ref().map_err(Clone::clone)?;
         let bytes = match (&stored.bytes, &self.source) {
             (Stored::Decoded(bytes), _) => bytes,
-            (Stored::Mapped(range), Source::Pack { file, .. }) => &file[range.clone()],
+            (Stored::Mapped(range), Source::Pack { file, .. }) => file.mapped(range),
             (Stored::Mapped(_), Source::Field { .. }) => &[][..],
         };
         Ok(TileMap::new(bytes, &stored.layout))
@@ -227,10 +236,10 @@ impl LightField {
         let check =
             |bytes: &[u8]| Layout::check(bytes, p.resolution, p.tile, surfaces, self.exponent);
         match &self.source {
-            Source::Pack { name, file, directory } => {
+            Source::Pack { file, directory } => {
                 let load = || {
                     let entry = find_map(directory, direction)?;
-                    match directory.chunk(file, entry)? {
+                    match file.chunk(directory, entry)? {
                         Cow::Borrowed(bytes) => {
                             let layout = check(bytes)?;
                             let range = entry.offset as usize..entry.offset as usize + bytes.len();
@@ -242,7 +251,8 @@ impl LightField {
                         }
                     }
                 };
-                load().map_err(|f: Fault| f.in_file(format!("{name}: direction {direction}")))
+                let place = || format!("{}: direction {direction}", file.name());
+                load().map_err(|f: Fault| f.in_file(place()))
             }
             Source::Field { path, header } => {
                 let path = names::tiles(path, names::TOTAL, direction);

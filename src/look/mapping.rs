@@ -4,7 +4,6 @@ use memmap2::Mmap;
 use std::fs::File;
 use std::io;
 use std::ops::Deref;
-use std::path::Path;
 
 /// A whole file, mapped read-only.
 ///
@@ -16,20 +15,16 @@ use std::path::Path;
 pub struct Mapping(Mmap);
 
 impl Mapping {
-    /// Maps a regular file.
+    /// Maps a regular file that is not empty.
     ///
     /// # Errors
-    /// When it cannot be opened or mapped, or is no regular file.
+    /// When the system refuses, as it does beyond the address space that a process may have.
     #[allow(unsafe_code)]
-    pub fn open(path: &Path) -> io::Result<Mapping> {
-        let file = File::open(path)?;
-        if !file.metadata()?.is_file() {
-            return Err(io::Error::other("not a regular file"));
-        }
+    pub fn new(file: &File) -> io::Result<Mapping> {
         // SAFETY: the mapping is read-only, and its users hash every chunk when they first touch it.
         // That nobody truncates or edits the file meanwhile is the promise under which a pack is
         // opened (see the type); it cannot be enforced for ordinary files.
-        let map = unsafe { Mmap::map(&file)? };
+        let map = unsafe { Mmap::map(file)? };
         Ok(Mapping(map))
     }
 }

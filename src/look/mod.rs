@@ -6,6 +6,8 @@
 
 pub mod mapping;
 
+pub mod packed;
+
 pub mod lightfield;
 
 pub mod image;

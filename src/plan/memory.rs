@@ -7,8 +7,11 @@ use crate::bake::step::{Scratch, Shared};
 use crate::ids::DirectionId;
 use crate::psf::Psf;
 
-/// Of a process that holds nothing yet: its own data, threads' stacks, the allocator's.
-const EMPTY: u64 = 5 << 19;
+/// Of a process that holds nothing yet: its own data, threads' stacks, the allocator's. Measured.
+const EMPTY: u64 = 5 << 18;
+
+/// What the allocator keeps for the threads that read mirrors' maps and those that write them. Measured.
+const KEPT: u64 = 5 << 18;
 
 /// Bytes of a span, while a PSF is rasterised.
 const SPAN: u64 = 24;
@@ -25,20 +28,8 @@ pub fn all_pages(files: &Files, threads: u64) -> u64 {
     files.maps.iter().map(of).fold(0.0, f64::max) as u64
 }
 
-/// What the allocator keeps of so many bytes of pages that were given back. Threads that read take them
-/// from arenas of their own, and from cycle to cycle more of these have been full once. Measured with
-/// the GNU C library, where chance makes it anything from nothing to twice as much, and more when pages are
-/// read again and again because little was granted.
-fn kept(pages: u64, cycles: u32) -> u64 {
-    let filled = ((f64::from(cycles) - 4.0) / 6.0).clamp(0.0, 1.0);
-    let pages = pages as f64;
-    let most = 0.6 * pages + (0.7 * pages).min(f64::from(4 << 20));
-    // The first of it is part of [`EMPTY`].
-    ((filled * most) as u64).saturating_sub(1 << 19)
-}
-
-/// Most bytes that the process will hold, with so many of pages, in so many cycles.
-pub fn peak(shared: &Shared, sample: &Sample, threads: u64, (pages, cycles): (u64, u32)) -> u64 {
+/// Most bytes that the process will hold, with so many of pages.
+pub fn peak(shared: &Shared, sample: &Sample, threads: u64, pages: u64) -> u64 {
     let texels = shared.texels.len() as u64;
     let values = 2 * texels;
     let cells = u64::from(shared.parameters.resolution).pow(2);
@@ -61,10 +52,11 @@ pub fn peak(shared: &Shared, sample: &Sample, threads: u64, (pages, cycles): (u6
         sample.generations.last().map_or((0, 0), |g| (g.unshot as u64, g.arrived as u64));
     let mirrors = texels - u64::from(shared.texels.diffuse);
     let scratch = layers + 2 * (unshot + arrived) + mirrors * Scratch::A_MIRROR;
-    let excerpts = if mirrors > 0 { sample.most.excerpts } else { 0 };
-    let propagating = 32 * values * (1 + threads) + threads * (scratch + excerpts) + pages;
+    let (excerpts, kept) =
+        if shared.stores_mirrors() { (sample.most.excerpts, KEPT) } else { (0, 0) };
+    let propagating = 32 * values * (1 + threads) + threads * (scratch + excerpts) + pages + kept;
     let totals = 12 * values + threads * (layers + 2 * sample.largest);
-    lasting + reach.max(propagating + kept(pages, cycles)).max(totals)
+    lasting + reach.max(propagating).max(totals)
 }
 
 /// Most spans of any of some directions: rows that polygons reach over.

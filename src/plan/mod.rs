@@ -155,7 +155,7 @@ pub fn plan(scene: &Scene, parameters: &Parameters, options: &Options) -> Result
     let held = all_pages.min(pages);
     let steps = rehearsal.steps(&shared, &sample, held);
     let disk = files.bytes(&steps, options.commit_every);
-    let peak = memory::peak(&shared, &sample, threads, (held, rehearsal.cycles()));
+    let peak = memory::peak(&shared, &sample, threads, held);
     let useful = need.smallest().max(need.fixed[0] + all_pages);
     Ok(Plan {
         directions: parameters.directions,

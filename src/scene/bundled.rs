@@ -113,6 +113,6 @@ mod tests {
             Camera::open(&folder.join("camera_a.json")).unwrap();
             seen += 1;
         }
-        assert_eq!(seen, 9);
+        assert_eq!(seen, 10);
     }
 }

@@ -1,7 +1,7 @@
 //! Faces of any kind to simple planar polygons in the unit ball. O(corners) but for concave faces.
 
 use super::Fit;
-use super::outline::{Outline, flatten, outline};
+use super::outline::{Outline, flatten, outline, twice_area};
 use super::report::Tally;
 use super::triangulate::ears;
 use glam::{DVec2, DVec3, Vec3};
@@ -92,20 +92,6 @@ pub(super) fn weld(positions: &[DVec3], fit: &Fit) -> (Vec<Vec3>, Vec<u32>) {
         })
         .collect();
     (points, index)
-}
-
-/// Twice the vector area of a loop (Newell), and the largest distance from its first corner.
-fn twice_area(points: &[DVec3], corners: &[u32]) -> (DVec3, f64) {
-    let at = |i: usize| points[corners[i] as usize] - points[corners[0] as usize];
-    let mut sum = DVec3::ZERO;
-    let mut reach: f64 = 0.0;
-    for i in 1..corners.len() {
-        reach = reach.max(at(i).length());
-        if i + 1 < corners.len() {
-            sum += at(i).cross(at(i + 1));
-        }
-    }
-    (sum, reach)
 }
 
 /// Turns a face into polygons, counting what had to be changed.

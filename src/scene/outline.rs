@@ -14,6 +14,20 @@ pub(super) enum Outline {
     Crossing,
 }
 
+/// Twice the vector area of a loop (Newell), and the largest distance from its first corner.
+pub(super) fn twice_area(points: &[DVec3], corners: &[u32]) -> (DVec3, f64) {
+    let at = |i: usize| points[corners[i] as usize] - points[corners[0] as usize];
+    let mut sum = DVec3::ZERO;
+    let mut reach: f64 = 0.0;
+    for i in 1..corners.len() {
+        reach = reach.max(at(i).length());
+        if i + 1 < corners.len() {
+            sum += at(i).cross(at(i + 1));
+        }
+    }
+    (sum, reach)
+}
+
 /// The points without the coordinate in which the normal is largest, ordered so that loops
 /// counter-clockwise about the normal stay so. No rounding takes place.
 pub(super) fn flatten(points: &[DVec3], normal: DVec3) -> Vec<DVec2> {

@@ -1,15 +1,18 @@
 //! Polygons to triangles, by ear clipping with exact predicates.
 
 use super::Polygon;
-use super::outline::{flatten, turn};
-use glam::{DVec2, DVec3, Vec3};
+use super::outline::{flatten, turn, twice_area};
+use glam::{DVec2, DVec3};
 
-/// The triangles of a polygon, concave or not, as indices of its vertices, each counter-clockwise
-/// about `normal`. Corners in line with their neighbours make no triangle. Convex polygons come out
-/// as the fan about vertex 0. At most `n - 2` triangles; O(n^2) for usual loops of n corners.
-pub fn triangles(polygon: &Polygon, normal: Vec3) -> Vec<[usize; 3]> {
+/// The triangles of a polygon, concave or not, as indices of its vertices, each counter-clockwise as
+/// the polygon is. Corners in line with their neighbours make no triangle. Convex polygons come out as
+/// the fan about vertex 0. At most `n - 2` triangles; O(n^2) for usual loops of n corners.
+pub fn triangles(polygon: &Polygon) -> Vec<[usize; 3]> {
     let points: Vec<DVec3> = polygon.vertices.iter().map(|p| p.as_dvec3()).collect();
-    ears(&flatten(&points, normal.as_dvec3()))
+    let corners: Vec<u32> = (0..points.len() as u32).collect();
+    // Its own normal, not its surface's: a loop that was found simple without one coordinate may cross
+    // itself by rounding without another, and near-equal coordinates of a normal change places.
+    ears(&flatten(&points, twice_area(&points, &corners).0))
 }
 
 /// The same for a counter-clockwise loop in two dimensions. A loop that crosses itself gets triangles
@@ -61,6 +64,7 @@ fn is_ear(points: &[DVec2], left: &[usize], [a, b, c]: [usize; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
     use proptest::prelude::*;
 
     fn area(points: &[DVec2], triangles: &[[usize; 3]]) -> f64 {
@@ -102,9 +106,9 @@ mod tests {
     }
 
     #[test]
-    fn the_normal_says_which_way_round() {
+    fn triangles_go_round_as_the_polygon_does() {
         let vertices = [Vec3::ZERO, Vec3::Y, Vec3::new(1.0, 1.0, 0.0), Vec3::X].to_vec();
-        let t = triangles(&Polygon { vertices }, -Vec3::Z);
+        let t = triangles(&Polygon { vertices });
         assert_eq!(t, [[0, 1, 2], [0, 2, 3]]);
     }
 

@@ -1,6 +1,8 @@
 //! A field directory, finished or not, against its newest sound commit.
 
-use super::{BLOCK, Checked, Finding, Place, Report, TextureBlocks, agrees, check_length, hex};
+use super::{
+    BLOCK, Checked, Finding, Place, Report, SumsBlocks, TextureBlocks, agrees, check_length, hex,
+};
 use crate::field::files::{self, Opened};
 use crate::field::storage::Storage;
 use crate::field::{FieldError, hash, read_manifest};
@@ -245,7 +247,8 @@ impl<'a> Commit<'a> {
             }
             ChunkKind::Sums => {
                 check_length(entry, texels.map(|t| SUMS_HEAD + 64 * t)).map_err(at_its_place)?;
-                opened.blocks(entry, |_| Ok(()))
+                let mut blocks = SumsBlocks::default();
+                opened.blocks(entry, |block| blocks.take(block))
             }
             ChunkKind::Record => {
                 let bytes = opened.chunk(entry)?;

@@ -14,8 +14,11 @@ mod pack;
 pub use field::field;
 pub use pack::pack;
 
+use crate::bake::ledger::Tally;
+use crate::bake::transfer::Fixed;
 use crate::directions::Directions;
 use crate::field::FieldError;
+use crate::format::bytes::Reader;
 use crate::format::container::{ChunkEntry, ChunkKind, Header, NO_DIRECTION};
 use crate::format::manifest::{Manifest, Phase};
 use crate::format::{Fault, FormatError};
@@ -293,6 +296,36 @@ impl TextureBlocks {
         self.values.clear();
         texels::read_values(&self.rest[..whole], &mut self.values)?;
         self.rest.drain(..whole);
+        Ok(())
+    }
+}
+
+/// Checks the values of sums that come in blocks: that they could have been summed over lines.
+#[derive(Default)]
+struct SumsBlocks {
+    rest: Vec<u8>,
+    tallied: bool,
+}
+
+impl SumsBlocks {
+    fn take(&mut self, block: &[u8]) -> Result<(), Fault> {
+        self.rest.extend_from_slice(block);
+        let mut r = Reader::new(&self.rest);
+        if !self.tallied {
+            Tally::read(&mut r)?;
+            self.tallied = true;
+        }
+        while r.left() >= size_of::<Fixed>() {
+            let [red, green, blue, lines] = [r.i64()?, r.i64()?, r.i64()?, r.i64()?];
+            if [red, green, blue, lines].iter().any(|v| *v < 0) {
+                return Err(Fault::invalid("sums: a texel's are negative"));
+            }
+            if lines == 0 && [red, green, blue] != [0; 3] {
+                return Err(Fault::invalid("sums: a texel has light of no line"));
+            }
+        }
+        let used = self.rest.len() - r.left();
+        self.rest.drain(..used);
         Ok(())
     }
 }

@@ -4,6 +4,7 @@
 
 pub mod store;
 
+use glam::DVec3;
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,7 +21,7 @@ use vlf::look::render::method::{Method, take};
 use vlf::{Camera, LightField, Parameters, Scene};
 
 /// The folders under `scenes/`.
-pub const SCENES: [&str; 9] = [
+pub const SCENES: [&str; 10] = [
     "cornell",
     "cornell_mirror",
     "furnace",
@@ -30,6 +31,7 @@ pub const SCENES: [&str; 9] = [
     "office",
     "parallel_squares",
     "ring_caustic",
+    "torture",
 ];
 
 /// The OBJ of a bundled scene.
@@ -47,6 +49,24 @@ pub fn scene(name: &str) -> Scene {
 pub fn scene_of(obj: &str, mtl: &str) -> Scene {
     let obj = format!("mtllib test.mtl\n{obj}");
     Scene::from_text(Path::new("test.obj"), &obj, &mut |_| Ok(mtl.to_owned())).unwrap().0
+}
+
+/// OBJ and MTL of a bundled scene as [`scene_of`] takes them.
+pub fn text(name: &str) -> (String, String) {
+    let path = obj(name);
+    let read = |path: &Path| std::fs::read_to_string(path).unwrap();
+    (read(&path).replace("mtllib", "#"), read(&path.with_extension("mtl")))
+}
+
+/// The text of an OBJ with every vertex moved.
+pub fn moved(obj: &str, to: impl Fn(DVec3) -> DVec3) -> String {
+    let line = |line: &str| {
+        let Some(rest) = line.strip_prefix("v ") else { return format!("{line}\n") };
+        let numbers: Vec<f64> = rest.split_whitespace().map(|n| n.parse().unwrap()).collect();
+        let v = to(DVec3::from_slice(&numbers));
+        format!("v {} {} {}\n", v.x, v.y, v.z)
+    };
+    obj.lines().map(line).collect()
 }
 
 /// The first camera of a bundled scene, with a picture of another size.

@@ -243,7 +243,7 @@ mod tests {
                 crate::bake::transfer::add::<3, 1>(&mut sums[2 * texel], &line);
             }
         }
-        let struck = |value: usize| sums[value][3] as f64;
+        let struck = |value: usize| crate::bake::transfer::lines(&sums[value]);
         let next = next_textures(&scene, &texels, (&sums, quantum), (&struck, 3000.0), (0, false));
         (diffuse_factor(&scene, SurfaceId(0)), lattice, next)
     }

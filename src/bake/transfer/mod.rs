@@ -3,14 +3,24 @@
 //! Radiance is counted in fixed point while it is summed, so that the order of the sums, and with it
 //! the number of threads and the order of directions, cannot change a bit.
 
+pub mod clip;
+
 pub mod diffuse;
 
 pub mod specular;
 
 use crate::radiance::Rgb;
 
-/// Radiance in fixed point, three channels; the fourth counts lines.
+/// Radiance in fixed point, three channels; the fourth counts lines, in parts of [`LINE`].
 pub type Fixed = [i64; 4];
+
+/// What a whole line counts, so that a texel can have part of one.
+pub const LINE: i64 = clip::overlap::WHOLE as i64;
+
+/// How many lines a sum holds.
+pub fn lines(sum: &Fixed) -> f64 {
+    sum[3] as f64 / LINE as f64
+}
 
 /// How radiance is counted in fixed point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,7 +38,7 @@ impl Quantum {
     /// Radiance along one line.
     pub fn fixed(self, radiance: Rgb) -> Fixed {
         let [r, g, b] = radiance.0.map(|c| (f64::from(c) * self.to_fixed) as i64);
-        [r, g, b, 1]
+        [r, g, b, LINE]
     }
 
     /// The radiance that a fixed number stands for.

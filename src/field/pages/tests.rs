@@ -139,6 +139,76 @@ fn a_page_larger_than_the_budget_allows_is_refused_with_both_numbers() {
     }
 }
 
+/// Bytes that the budget counts, which are those of all pages and of spare memory.
+fn counted(pages: &Pages) -> u64 {
+    let state = pages.state();
+    let of = |slot: &Slot| match slot {
+        Slot::Ready { page, .. } => page.buffer.room,
+        Slot::Reading => 0,
+    };
+    assert_eq!(state.bytes, state.slots.values().map(of).sum::<u64>() + state.spare.bytes);
+    state.bytes
+}
+
+/// Where a page's memory is.
+fn place(held: &Held) -> *const u8 {
+    held.buffer.bytes.as_ptr()
+}
+
+#[test]
+fn memory_of_a_page_that_is_given_up_is_that_of_the_next() {
+    let pages = pages(2 * page(), 1);
+    let first = pages.get(0, UNSHOT).map(|held| place(&held)).unwrap();
+    let other = pages.get(1, UNSHOT).unwrap();
+    assert_ne!(place(&other), first);
+    // 0 makes room for 2, and what has arrived goes at once.
+    assert_eq!(pages.get(2, UNSHOT).map(|held| place(&held)).unwrap(), first);
+    assert_eq!(pages.get(3, ARRIVED).map(|held| place(&held)).unwrap(), first);
+    assert_eq!(pages.get(4, ARRIVED).map(|held| place(&held)).unwrap(), first);
+    assert_eq!(counted(&pages), 2 * page());
+}
+
+#[test]
+fn spare_memory_counts_and_is_freed_for_a_page_that_it_has_no_room_for() {
+    let large = map(64).len() as u64;
+    let pages = pages(2 * large, 1);
+    let many = (2 * large / page()) as u32;
+    assert!(many > 3, "the small ones fill the budget");
+    let small: Vec<Held> = (0..8).map(|d| pages.get(d, ARRIVED).unwrap()).collect();
+    drop(small);
+    assert_eq!((counted(&pages), pages.state().spare.bytes), (8 * page(), 8 * page()));
+    // No more small ones are freed than the large one takes.
+    let held = pages.get(8, UNSHOT).unwrap();
+    let freed = large.div_ceil(page()).min(8) * page();
+    assert_eq!(counted(&pages), large + 8 * page() - freed);
+    // The larger room serves a small page too, and is still counted whole.
+    let kept = place(&held);
+    drop(held);
+    let room = |pages: &Pages| pages.state().spare.bytes;
+    (0..8).for_each(|d| drop(pages.get(d, UNSHOT).unwrap()));
+    assert!(counted(&pages) <= 2 * large && room(&pages) < large);
+    assert_eq!(pages.get(8, UNSHOT).map(|held| place(&held)).unwrap(), kept, "still there");
+    assert!(pages.take_figures().peak <= 2 * large);
+}
+
+#[test]
+fn the_next_generation_is_read_into_the_memory_of_the_one_before() {
+    let places = |pages: &Pages| -> HashSet<*const u8> {
+        (0..8).map(|d| place(&pages.get(d, UNSHOT).unwrap())).collect()
+    };
+    let first = pages(8 * page(), 1);
+    let before = places(&first);
+    let second = pages(8 * page(), 1).reusing(first.into_spare());
+    assert_eq!((counted(&second), second.state().spare.bytes), (8 * page(), 8 * page()));
+    assert_eq!(places(&second), before);
+    assert_eq!((counted(&second), second.state().spare.bytes), (8 * page(), 0));
+    // A smaller budget takes less of it.
+    let third = pages(3 * page() + 1, 1).reusing(second.into_spare());
+    assert_eq!(counted(&third), 3 * page());
+    assert!(places(&third).is_subset(&before));
+    assert_eq!(third.take_figures().peak, 3 * page());
+}
+
 /// Waits until a flag is up; a cache that never wakes anyone fails the test.
 fn comes(flag: &AtomicBool) -> bool {
     (0..2000).any(|_| {

@@ -27,6 +27,10 @@ struct Args {
     /// Exposure in stops: radiance times 2^EV [default: from the first frame]
     #[arg(long, value_name = "EV", allow_negative_numbers = true, value_parser = stops)]
     exposure: Option<f32>,
+    /// Read a pack piece by piece instead of mapping it. Use this when others may cut the file short
+    /// meanwhile: that ends a process which has mapped it with SIGBUS
+    #[arg(long)]
+    no_map: bool,
     // Not a comment for the documentation, which would take [x,y,z] for a link.
     #[arg(
         long,
@@ -49,7 +53,7 @@ fn main() -> ExitCode {
 }
 
 fn view(args: &Args) -> anyhow::Result<()> {
-    let source = source::open(&args.path, args.method)?;
+    let source = source::open(&args.path, args.method, args.no_map)?;
     let start: Camera = match &args.camera {
         Some(path) => Camera::open(path)?,
         None => source.start,

@@ -32,8 +32,11 @@ pub struct Source {
 ///
 /// # Errors
 /// When the file cannot be read.
-pub fn open(path: &Path, method: Method) -> anyhow::Result<Source> {
-    let field = LightField::open(path)?;
+pub fn open(path: &Path, method: Method, no_map: bool) -> anyhow::Result<Source> {
+    let field = match no_map {
+        true => LightField::open_unmapped(path)?,
+        false => LightField::open(path)?,
+    };
     let visible = Visible::new(&field.scene);
     let start = first_view(&field, &visible);
     let speed = 0.4 * field.scene.fit.radius;

@@ -1,0 +1,314 @@
+//! Exact clipping (section 4.2): a cell trades light with all texels that it overlaps.
+//!
+//! In: pairs of sides that see each other along the line of a cell, and where the cells fall on the
+//! surfaces' lattices. A cell is a parallelogram on a lattice. What it sends is the mean radiance of its
+//! texels, each weighted by the part of the cell that lies in it; what it receives is shared out by the
+//! same weights, and so is the count of lines. Who sees whom is still decided along the middle ray.
+//!
+//! Shares are whole numbers that sum up to what came: no unit of energy is lost or made. Numbers up to
+//! 2^52 are exact in f64, which processors multiply in vectors where they do not multiply i64.
+
+pub mod overlap;
+
+use self::overlap::{Cells, WHOLE, Windows};
+use super::Fixed;
+use crate::bake::reach::Sealed;
+use crate::ids::Cell;
+use fearless_simd::{Level, dispatch};
+
+/// Cells that are clipped at once.
+const LANES: usize = 16;
+
+/// Classes of windows by their number of texels; the last has all larger ones.
+const CLASSES: usize = 64;
+
+/// How the cells of a PSF fall on a surface's lattice of texels, an affine map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projection {
+    /// Column and row, in texels, of the point that the origin of the PSF's grid falls on.
+    pub at_origin: [f32; 2],
+    /// Texels along columns and rows for each column of cells.
+    pub per_column: [f32; 2],
+    /// Texels along columns and rows for each row of cells.
+    pub per_row: [f32; 2],
+    /// Number of the lattice's first texel.
+    pub first: u32,
+    /// Texels along columns and rows.
+    pub size: [u32; 2],
+}
+
+/// The surfaces that cells fall on.
+#[derive(Clone, Copy)]
+pub struct Ground<'a> {
+    /// How cells fall on each surface.
+    pub projections: &'a [Projection],
+    /// For each texel its surface.
+    pub surface_of: &'a [u32],
+    /// Texture values that no light can come to.
+    pub sealed: &'a Sealed,
+}
+
+impl Ground<'_> {
+    /// How cells fall on the surface of a texture value; `None` for what stands for the space outside.
+    #[inline(always)]
+    fn projection(&self, value: u32) -> Option<&Projection> {
+        self.surface_of.get(value as usize / 2).map(|s| &self.projections[*s as usize])
+    }
+}
+
+/// A texture value and its part of a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tap {
+    /// The texture value.
+    pub value: u32,
+    /// Its part of [`WHOLE`].
+    pub weight: u32,
+}
+
+/// Clips cells; a worker's own memory.
+pub struct Clip {
+    level: Level,
+    cells: Cells<LANES>,
+    windows: Windows<LANES>,
+    alone: (Cells<1>, Windows<1>),
+    taps: Vec<Tap>,
+    /// Ends of pairs in the order in which they are clipped.
+    order: Vec<u32>,
+    /// Where the taps of each end stand.
+    ends: Vec<(u32, u32)>,
+}
+
+impl Default for Clip {
+    fn default() -> Clip {
+        Clip::new(Level::new())
+    }
+}
+
+impl Clip {
+    /// Bytes of a worker's own memory: windows, and the taps and ends of a block of cells.
+    pub const BYTES: u64 = 1 << 20;
+
+    /// Bytes for each surface.
+    pub const A_SURFACE: u64 = size_of::<Projection>() as u64;
+
+    /// With the instructions of a level. The level does not change a bit of what is found.
+    pub fn new(level: Level) -> Clip {
+        Clip {
+            level,
+            cells: Cells::default(),
+            windows: Windows::default(),
+            alone: (Cells::default(), Windows::default()),
+            taps: Vec::new(),
+            order: Vec::new(),
+            ends: Vec::new(),
+        }
+    }
+
+    /// Exchanges light along pairs of texture values, those under the middles of `cells`, one cell a
+    /// pair: `sums` receive what `current` shoots, `SHARES` times, and `COUNTS` times as many lines.
+    /// Returns what was shot, counted as often.
+    pub fn exchange<const SHARES: i64, const COUNTS: i64>(
+        &mut self,
+        (cells, pairs): (&[Cell], &[[u32; 2]]),
+        ground: &Ground,
+        current: &[Fixed],
+        sums: &mut [Fixed],
+    ) -> Fixed {
+        let (level, pairs) = (self.level, (cells, pairs));
+        dispatch!(level, _ => self.exchange_all::<SHARES, COUNTS>(pairs, ground, current, sums))
+    }
+
+    #[inline(always)]
+    fn exchange_all<const SHARES: i64, const COUNTS: i64>(
+        &mut self,
+        (cells, pairs): (&[Cell], &[[u32; 2]]),
+        ground: &Ground,
+        current: &[Fixed],
+        sums: &mut [Fixed],
+    ) -> Fixed {
+        self.sort(pairs, ground);
+        self.taps_of((cells, pairs), ground);
+        let mut shot = [0; 4];
+        for ends in self.ends.chunks_exact(2) {
+            let [near, far] = [0, 1].map(|k| &self.taps[ends[k].0 as usize..ends[k].1 as usize]);
+            let (along, against) = (mean(near, current), mean(far, current));
+            share_out::<SHARES, COUNTS>(&along, far, sums);
+            share_out::<SHARES, COUNTS>(&against, near, sums);
+            for c in 0..4 {
+                shot[c] += SHARES * (along[c] + against[c]);
+            }
+        }
+        shot
+    }
+
+    /// Puts the ends of pairs in order of their windows' sizes, by counting: the largest of those that
+    /// are clipped at once decides how long it takes.
+    #[inline(always)]
+    fn sort(&mut self, pairs: &[[u32; 2]], ground: &Ground) {
+        let class = |value: u32| ground.projection(value).map_or(0, Projection::class);
+        let mut place = [0; CLASSES + 1];
+        for value in pairs.iter().flatten() {
+            place[class(*value) + 1] += 1;
+        }
+        for k in 0..CLASSES {
+            place[k + 1] += place[k];
+        }
+        self.order.resize(2 * pairs.len(), 0);
+        for (end, value) in pairs.iter().flatten().enumerate() {
+            let place = &mut place[class(*value)];
+            self.order[*place] = end as u32;
+            *place += 1;
+        }
+    }
+
+    /// Finds the taps of the ends of pairs.
+    #[inline(always)]
+    fn taps_of(&mut self, (cells, pairs): (&[Cell], &[[u32; 2]]), ground: &Ground) {
+        self.taps.clear();
+        self.ends.resize(2 * pairs.len(), (0, 0));
+        for ends in self.order.chunks(LANES) {
+            let value = |end: u32| pairs[end as usize / 2][end as usize % 2];
+            for (lane, end) in ends.iter().enumerate() {
+                if let Some(projection) = ground.projection(value(*end)) {
+                    self.cells.set(lane, projection.place(cells[*end as usize / 2]));
+                }
+            }
+            self.windows.clip(&self.cells);
+            for (lane, end) in ends.iter().enumerate() {
+                let from = self.taps.len() as u32;
+                gather(&self.windows, lane, value(*end), ground, &mut self.taps);
+                self.ends[*end as usize] = (from, self.taps.len() as u32);
+            }
+        }
+    }
+
+    /// The taps that were found last.
+    pub fn last_taps(&self) -> &[Tap] {
+        &self.taps
+    }
+
+    /// The taps of one cell around a texture value, the one of largest weight first.
+    pub fn taps(&mut self, cell: Cell, value: u32, ground: &Ground) -> &[Tap] {
+        self.taps.clear();
+        let (cells, windows) = &mut self.alone;
+        if let Some(projection) = ground.projection(value) {
+            cells.set(0, projection.place(cell));
+            windows.clip(cells);
+        }
+        gather(windows, 0, value, ground, &mut self.taps);
+        &self.taps
+    }
+}
+
+impl Projection {
+    /// The class of its cells' windows.
+    #[inline(always)]
+    fn class(&self) -> usize {
+        let across = |axis: usize| {
+            let reach = self.per_column[axis].abs() + self.per_row[axis].abs();
+            if reach < overlap::REACH { reach as usize + 2 } else { CLASSES }
+        };
+        (across(0) * across(1)).min(CLASSES - 1)
+    }
+
+    /// A cell's middle, its edges and the size of the lattice, as [`Cells::set`] takes them.
+    #[inline(always)]
+    fn place(&self, cell: Cell) -> [[f32; 2]; 4] {
+        let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
+        let middle =
+            |axis: usize| self.at_origin[axis] + y * self.per_row[axis] + x * self.per_column[axis];
+        let size = self.size.map(|count| count as f32);
+        [[middle(0), middle(1)], self.per_column, self.per_row, size]
+    }
+}
+
+/// Appends the taps of one lane's window, the largest first. Nothing comes or goes through a sealed
+/// texel; the texel under the middle, which is not sealed, stands in for it.
+#[inline(always)]
+fn gather<const N: usize>(
+    windows: &Windows<N>,
+    lane: usize,
+    value: u32,
+    ground: &Ground,
+    taps: &mut Vec<Tap>,
+) {
+    let Some(projection) = ground.projection(value) else {
+        return taps.push(Tap { value, weight: WHOLE });
+    };
+    let [columns, rows] = windows.size;
+    let [left, below] = [windows.first[0][lane], windows.first[1][lane]];
+    let weights = windows.weights();
+    let largest = windows.largest[lane] as usize;
+    let side = value & 1;
+    let tap = |row: usize, column: usize, weight: u32| {
+        let texel = (below + row as i32) * projection.size[0] as i32 + left + column as i32;
+        let at = 2 * (projection.first as i32 + texel) as u32 + side;
+        Tap { value: if ground.sealed.has(at as usize) { value } else { at }, weight }
+    };
+    taps.push(tap(largest / columns, largest % columns, weights[largest][lane]));
+    for row in 0..rows {
+        for column in 0..columns {
+            let at = row * columns + column;
+            let weight = weights[at][lane];
+            if weight > 0 && at != largest {
+                taps.push(tap(row, column, weight));
+            }
+        }
+    }
+}
+
+/// 2^52 + 2^51: added to a number of at most 2^51, leaves the nearest whole number in the low bits.
+const TO_BITS: f64 = 6_755_399_441_055_744.0;
+
+/// One part of [`WHOLE`].
+const PART: f64 = 1.0 / WHOLE as f64;
+
+/// The mean of what taps shoot.
+#[inline(always)]
+pub fn mean(taps: &[Tap], current: &[Fixed]) -> Fixed {
+    let mut sum = [0.0; 4];
+    for tap in taps {
+        let (value, weight) = (&current[tap.value as usize], f64::from(tap.weight));
+        for c in 0..4 {
+            let exact = f64::from_bits(value[c] as u64 | TO_BITS.to_bits()) - TO_BITS;
+            sum[c] += exact * weight;
+        }
+    }
+    sum.map(|s| whole(s * PART))
+}
+
+/// Shares a line's radiance out, `SHARES` times, and its count `COUNTS` times that. What rounding leaves
+/// over goes to the first tap, the largest.
+#[inline(always)]
+pub fn share_out<const SHARES: i64, const COUNTS: i64>(
+    line: &Fixed,
+    taps: &[Tap],
+    sums: &mut [Fixed],
+) {
+    let Some((first, others)) = taps.split_first() else { return };
+    let mut rest = line.map(|l| l * SHARES);
+    rest[3] *= COUNTS;
+    let all = rest.map(|l| l as f64 * PART);
+    for tap in others {
+        let (sum, weight) = (&mut sums[tap.value as usize], f64::from(tap.weight));
+        for c in 0..4 {
+            // All but rounded down: the rest must not become negative.
+            let share = whole(all[c] * weight - 0.4999);
+            rest[c] -= share;
+            sum[c] += share;
+        }
+    }
+    let sum = &mut sums[first.value as usize];
+    for c in 0..4 {
+        sum[c] += rest[c];
+    }
+}
+
+/// The nearest whole number, of one up to 2^51.
+#[inline(always)]
+fn whole(number: f64) -> i64 {
+    (number + TO_BITS).to_bits() as i64 - TO_BITS.to_bits() as i64
+}
+
+#[cfg(test)]
+mod tests;
