@@ -95,9 +95,9 @@ impl Clip {
     pub fn new(level: Level) -> Clip {
         Clip {
             level,
-            cells: Cells::new(),
-            windows: Windows::new(),
-            alone: (Cells::new(), Windows::new()),
+            cells: Cells::default(),
+            windows: Windows::default(),
+            alone: (Cells::default(), Windows::default()),
             taps: Vec::new(),
             order: Vec::new(),
             ends: Vec::new(),

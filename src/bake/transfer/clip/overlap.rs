@@ -41,9 +41,9 @@ pub struct Cells<const LANES: usize> {
     pub size: [[f32; LANES]; 2],
 }
 
-impl<const LANES: usize> Cells<LANES> {
+impl<const LANES: usize> Default for Cells<LANES> {
     /// Unit cells in the middle of single texels.
-    pub fn new() -> Cells<LANES> {
+    fn default() -> Cells<LANES> {
         Cells {
             middle: [[0.5; LANES]; 2],
             across: [[1.0; LANES], [0.0; LANES]],
@@ -51,7 +51,9 @@ impl<const LANES: usize> Cells<LANES> {
             size: [[1.0; LANES]; 2],
         }
     }
+}
 
+impl<const LANES: usize> Cells<LANES> {
     /// Sets one cell: its middle, its edges and the size of its lattice.
     pub fn set(&mut self, lane: usize, [middle, across, up, size]: [[f32; 2]; 4]) {
         for axis in 0..2 {
@@ -103,9 +105,9 @@ struct Below<const LANES: usize> {
     to: [[f32; LANES]; 4],
 }
 
-impl<const LANES: usize> Windows<LANES> {
+impl<const LANES: usize> Default for Windows<LANES> {
     /// Room for any.
-    pub fn new() -> Windows<LANES> {
+    fn default() -> Windows<LANES> {
         Windows {
             first: [[0; LANES]; 2],
             size: [0; 2],
@@ -114,7 +116,9 @@ impl<const LANES: usize> Windows<LANES> {
             areas: vec![[0.0; LANES]; EDGE * EDGE],
         }
     }
+}
 
+impl<const LANES: usize> Windows<LANES> {
     /// The weights of the windows' texels, row by row.
     pub fn weights(&self) -> &[[u32; LANES]] {
         &self.weights[..self.size[0] * self.size[1]]
@@ -244,10 +248,10 @@ impl<const LANES: usize> Windows<LANES> {
                 self.largest[k] = if more { at as u32 } else { self.largest[k] };
             }
         }
-        for k in 0..LANES {
+        for (k, left) in left.into_iter().enumerate() {
             // What rounding left over or took too much of.
             let weight = &mut self.weights[self.largest[k] as usize][k];
-            *weight = weight.wrapping_add(left[k]);
+            *weight = weight.wrapping_add(left);
         }
     }
 }

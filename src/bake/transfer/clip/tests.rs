@@ -57,7 +57,7 @@ proptest! {
     /// Each texel's weight is its part of what lies inside the lattice.
     #[test]
     fn weights_are_the_areas_that_a_polygon_clipper_finds(cell in a_cell()) {
-        let (mut cells, mut windows) = (Cells::<1>::new(), Windows::<1>::new());
+        let (mut cells, mut windows) = (Cells::<1>::default(), Windows::<1>::default());
         cells.set(0, cell);
         windows.clip(&cells);
         let corners = parallelogram(cell);
@@ -98,7 +98,7 @@ proptest! {
         a in prop::array::uniform2(-1.0f32..1.0), b in prop::array::uniform2(-1.0f32..1.0),
         size in prop::array::uniform2(1..40u32),
     ) {
-        let (mut cells, mut windows) = (Cells::<1>::new(), Windows::<1>::new());
+        let (mut cells, mut windows) = (Cells::<1>::default(), Windows::<1>::default());
         let times = |v: [f32; 2], s: f32| v.map(|c| c * 10f32.powf(s));
         cells.set(0, [middle, times(a, scale[0]), times(b, scale[1]), size.map(|s| s as f32)]);
         windows.clip(&cells);
