@@ -9,9 +9,10 @@ use std::sync::atomic::AtomicBool;
 use vlf::bake::layers::{Layers, Outlines};
 use vlf::bake::reach::Sealed;
 use vlf::bake::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
+use vlf::bake::totals::{self, Mirrors};
 use vlf::bake::transfer::clip::{Clip, Ground, Projection};
 use vlf::bake::transfer::{Fixed, Quantum, add};
-use vlf::bake::{Options, emission, texels, totals};
+use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
 use vlf::format::tiles::{Layout, exponent_for};
 use vlf::scene::texels::Texels;
@@ -143,8 +144,15 @@ fn shoot_one_direction(bencher: Bencher) {
     let fixed = shot.iter().map(|v| OFFICE.quantum.fixed(*v));
     let current: Vec<Fixed> = fixed.chain([FROM_OUTSIDE]).collect();
     let sealed = Sealed::none(current.len());
-    let cycle =
-        Cycle { number: 0, current: &current, pages: None, perturbations: 1, sealed: &sealed };
+    let cycle = Cycle {
+        number: 0,
+        current: &current,
+        pages: None,
+        paths: None,
+        perturbations: 1,
+        senders: None,
+        sealed: &sealed,
+    };
     let mut scratch = Scratch::new(&OFFICE.texels);
     bencher.bench_local(|| shoot(&shared, &cycle, black_box(LINE), &mut scratch));
 }
@@ -236,7 +244,7 @@ fn total_map(bencher: Bencher) {
     let lit = totals::lit_sides(&OFFICE.texels, &total);
     let mut scratch = totals::Scratch::default();
     bencher.bench_local(|| {
-        totals::total_map(&shared, black_box(LINE), (&total, &lit), None, &mut scratch)
+        totals::total_map(&shared, black_box(LINE), (&total, &lit), Mirrors::None, &mut scratch)
     });
 }
 
@@ -259,8 +267,7 @@ fn check_a_tile_map(bencher: Bencher) {
     let total = emission(&OFFICE.scene, &OFFICE.texels);
     let lit = totals::lit_sides(&OFFICE.texels, &total);
     let mut scratch = totals::Scratch::default();
-    let map = totals::total_map(&shared, LINE, (&total, &lit), None, &mut scratch)
-        .expect("no page is read");
+    let map = totals::total_map(&shared, LINE, (&total, &lit), Mirrors::None, &mut scratch);
     let surfaces = OFFICE.scene.surfaces.len() as u32;
     bencher
         .counter(divan::counter::BytesCount::new(map.len()))

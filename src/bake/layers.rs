@@ -135,8 +135,8 @@ impl Outlines {
     }
 }
 
-/// How the cells of a PSF fall on the lattices of all surfaces. Those edge-on have no fragments; what stands
-/// in their place is not to be used.
+/// How the cells of a PSF fall on the lattices of all surfaces. Those edge-on have no fragments; what
+/// stands in their place is not to be used.
 pub fn projections(outlines: &Outlines, psf: &Psf, out: &mut Vec<Projection>) {
     out.clear();
     out.extend(outlines.surfaces.iter().map(|plane| {

@@ -7,12 +7,14 @@ use crate::bake::layers::Layers;
 use crate::bake::memory::Extent;
 use crate::bake::reach::{CutViews, Reach};
 use crate::bake::step::Shared;
-use crate::bake::totals;
+use crate::bake::totals::{self, Mirrors};
 use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::format::container::{ALIGN, Codec, encode, length};
 use crate::ids::DirectionId;
+use crate::paths::{MAX_DEPTH, Paths};
 use crate::psf::Psf;
+use crate::visible::Visible;
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -65,10 +67,15 @@ impl Sample {
         lit.iter_mut().zip(&sealed).for_each(|(lit, sealed)| {
             (0..2).for_each(|side| lit[side] &= !sealed[side]);
         });
+        let follows = shared.has_mirrors() && !shared.parameters.totals_from_store();
+        let visible = follows.then(|| Visible::new(shared.scene));
+        let mirrors = visible.as_ref().map_or(Mirrors::None, |visible| {
+            Mirrors::Traced(Paths { scene: shared.scene, visible, max_depth: MAX_DEPTH })
+        });
         let look = |scratch: &mut (Layers, totals::Scratch), id: DirectionId| {
             let extent = extent(shared, id, &mut scratch.0);
             let total = (rehearsal.total.as_slice(), lit.as_slice());
-            let map = totals::total_map(shared, id, total, totals::Mirrors::None, &mut scratch.1);
+            let map = totals::total_map(shared, id, total, mirrors, &mut scratch.1);
             let failed = FieldError::io("encode", Path::new("total map"));
             let zstd = encode(Codec::Zstd, &map).map_err(failed)?.len() as u64;
             Ok(Look { extent, raw: map.len() as u64, zstd })
@@ -111,8 +118,9 @@ impl Sample {
         });
         let generations: Vec<Generation> = generations.collect();
 
-        // The maps looked at lack what arrived at mirrors.
-        let values = generations.last().map_or(0.0, |g| g.values);
+        // The maps looked at lack what arrived at mirrors, if that is to come from their own maps.
+        let stored = generations.last().filter(|_| shared.parameters.totals_from_store());
+        let values = stored.map_or(0.0, |g| g.values);
         let arrived =
             |l: &Look| if mirrors > 0.0 { values * more(&l.extent) / mirrors } else { 0.0 };
         let raw = |l: &Look| (l.raw + arrived(l) as u64).next_multiple_of(8);
