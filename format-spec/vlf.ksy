@@ -262,6 +262,27 @@ types:
         type: u1
         valid:
           max: 1
+      - id: transfer
+        type: u4
+        enum: transfer
+        valid:
+          in-enum: true
+      - id: specular
+        type: u4
+        enum: specular
+        valid:
+          in-enum: true
+      - id: resample
+        type: u1
+        valid:
+          min: 'specular == specular::trace ? 1 : 0'
+          max: 1
+      - id: split
+        type: u4
+        valid:
+          min: 1
+          max: 16
+        doc: Rays along an edge of a cell that a surface's border runs through.
       - id: scene_hash
         size: 16
         doc: xxh3-128 of the scene chunk when decoded.
@@ -332,7 +353,7 @@ types:
         doc: The record ends with the chunk.
     instances:
       len_identity:
-        value: 62 + 4 * has_cycles + 4 * num_perturbations
+        value: 75 + 4 * has_cycles + 4 * num_perturbations
       identity_bytes:
         pos: 0
         size: len_identity
@@ -626,7 +647,7 @@ types:
             type: s8
           - id: num_lines
             type: s8
-            doc: Each line weighted by its shares.
+            doc: In parts of 65536, each line weighted by its shares.
 enums:
   file_kind:
     1: manifest
@@ -651,6 +672,12 @@ enums:
     0: propagating
     1: writing_totals
     2: finished
+  transfer:
+    0: sample
+    1: clip
+  specular:
+    0: maps
+    1: trace
   reflection:
     0: diffuse
     1: mirror

@@ -5,7 +5,7 @@
 mod common;
 
 use common::store::{Left, Tiny, for_all, in_time, newest_commit};
-use common::{Dice, parameters, scene};
+use common::{Dice, parameters, scene, stored};
 use std::io::ErrorKind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -19,15 +19,19 @@ use vlf::format::manifest::Phase;
 use vlf::format::names;
 
 /// Bakes on a disk with faults. Returns what came of it, and the log.
-fn bake(disk: &Arc<Memory>, faults: Faults) -> (Result<Outcome, BakeError>, Vec<String>) {
+fn bake(
+    tiny: &Tiny,
+    disk: &Arc<Memory>,
+    faults: Faults,
+) -> (Result<Outcome, BakeError>, Vec<String>) {
     let faulty = Arc::new(Faulty::new(disk.clone(), faults));
-    let storage = faulty.clone();
-    let result = in_time(&format!("{faults:?}"), move || Tiny::new().bake(storage));
+    let (storage, tiny) = (faulty.clone(), tiny.clone());
+    let result = in_time(&format!("{faults:?}"), move || tiny.bake(storage));
     (result, faulty.log())
 }
 
-fn operations() -> u64 {
-    bake(&Arc::new(Memory::default()), Faults::default()).1.len() as u64
+fn operations(tiny: &Tiny) -> u64 {
+    bake(tiny, &Arc::new(Memory::default()), Faults::default()).1.len() as u64
 }
 
 /// Whether a failed operation is one that writes.
@@ -56,7 +60,11 @@ fn fits(error: &BakeError, failed: &str, kind: ErrorKind) -> bool {
 
 #[test]
 fn whatever_operation_fails_it_is_said_nothing_more_is_written_and_it_goes_on() {
-    let (tiny, operations) = (Tiny::new(), operations());
+    Tiny::both().iter().for_each(whatever_operation_fails);
+}
+
+fn whatever_operation_fails(tiny: &Tiny) {
+    let operations = operations(tiny);
     let plain = tiny.undisturbed();
     let kinds =
         [ErrorKind::Other, ErrorKind::StorageFull, ErrorKind::WriteZero, ErrorKind::UnexpectedEof];
@@ -66,7 +74,7 @@ fn whatever_operation_fails_it_is_said_nothing_more_is_written_and_it_goes_on() 
             let told = format!("operation {k} of {operations}, {kind:?}, for ever {for_ever}");
             let disk = Arc::new(Memory::default());
             let faults = Faults { fail: Some(k), for_ever, kind: Some(kind), ..Faults::default() };
-            let (result, log) = bake(&disk, faults);
+            let (result, log) = bake(tiny, &disk, faults);
             let Some(at) = log.iter().position(|l| l.ends_with(": failed")) else { continue };
             cases.fetch_add(1, Ordering::Relaxed);
             match &result {
@@ -106,12 +114,14 @@ fn whatever_operation_fails_it_is_said_nothing_more_is_written_and_it_goes_on() 
 
 #[test]
 fn parts_and_interruptions_change_no_bit() {
-    let plain = Tiny::new().undisturbed();
-    let disk = Arc::new(Memory::default());
-    let (result, log) = bake(&disk, Faults { short: true, ..Faults::default() });
-    assert_eq!(result.unwrap(), Outcome::Finished);
-    assert_eq!(Left::of(&*disk).same_as(&plain), Ok(()));
-    assert!(log.len() as u64 > operations() * 6 / 5, "nothing came in parts");
+    for tiny in Tiny::both() {
+        let plain = tiny.undisturbed();
+        let disk = Arc::new(Memory::default());
+        let (result, log) = bake(&tiny, &disk, Faults { short: true, ..Faults::default() });
+        assert_eq!(result.unwrap(), Outcome::Finished);
+        assert_eq!(Left::of(&*disk).same_as(&plain), Ok(()));
+        assert!(log.len() as u64 > operations(&tiny) * 6 / 5, "nothing came in parts");
+    }
 }
 
 #[test]
@@ -126,7 +136,10 @@ fn a_disk_that_is_too_small_is_refused_before_anything_is_made() {
 
 #[test]
 fn a_disk_that_runs_full_at_any_byte_keeps_the_last_commit_and_goes_on_when_there_is_room() {
-    let tiny = Tiny { force: true, ..Tiny::new() };
+    Tiny::both().into_iter().for_each(|tiny| runs_full(&Tiny { force: true, ..tiny }));
+}
+
+fn runs_full(tiny: &Tiny) {
     let plain = tiny.undisturbed();
     let whole = Arc::new(Memory::default());
     assert_eq!(tiny.bake(whole.clone()).unwrap(), Outcome::Finished);
@@ -156,17 +169,20 @@ fn a_disk_that_runs_full_at_any_byte_keeps_the_last_commit_and_goes_on_when_ther
 }
 
 /// Bits that have gone bad since they were written: a bake that goes on never says that it is
-/// finished over them. A total map is made again, as long as what arrived at mirrors is there.
+/// finished over them. A total map is made again: stored maps of what arrived at mirrors are still there.
 #[test]
 fn a_bake_that_goes_on_does_not_finish_over_damage() {
-    let tiny = Tiny::new();
+    Tiny::both().iter().for_each(does_not_finish_over_damage);
+}
+
+fn does_not_finish_over_damage(tiny: &Tiny) {
     let plain = tiny.undisturbed();
-    let last = operations() - 40;
+    let last = operations(tiny) - 40;
     let mut damaged = 0;
     for k in last..last + 20 {
         let disk = Arc::new(Memory::default());
         let faults = Faults { fail: Some(k), for_ever: true, ..Faults::default() };
-        if bake(&disk, faults).0.is_ok() {
+        if bake(tiny, &disk, faults).0.is_ok() {
             continue;
         }
         let manifest = read_manifest(&*disk).unwrap().1;
@@ -205,7 +221,7 @@ fn least_memory(bake: impl Fn(u64) -> Result<Outcome, BakeError>) -> u64 {
 /// Not one bit depends on the memory granted, nor is more of it held.
 #[test]
 fn the_page_cache_changes_no_bit_and_keeps_to_its_budget() {
-    let (scene, parameters) = (scene("cornell_mirror"), parameters(33, 32, 3));
+    let (scene, parameters) = (scene("cornell_mirror"), stored(parameters(33, 32, 3)));
     let run = |disk: &Arc<Memory>, memory, threads, order: Option<Vec<u32>>, stopped| {
         let options = Options {
             memory,

@@ -15,11 +15,15 @@ use vlf::field::read_manifest;
 use vlf::field::storage::disk::Disk;
 use vlf::format::manifest::{Manifest, Phase};
 
-fn command(field: &Path, directions: &str) -> Command {
+/// Both ways of mirrors: their maps stored, and paths followed through them.
+const WAYS: [&str; 2] = ["--specular maps --resample off", "--specular trace"];
+
+fn command(field: &Path, directions: &str, way: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_vlf"));
     command.arg("bake").arg(obj("cornell_mirror")).arg("-o").arg(field);
     command.args(["--directions", directions, "--resolution", "64", "--cycles", "3"]);
-    command.args(["--perturb", "2,1", "--threads", "2"]);
+    command.args(["--perturb", "2,1", "--threads", "2", "--sync", "interval:0.1s"]);
+    command.args(way.split(' '));
     command.stdout(Stdio::null()).stderr(Stdio::piped());
     command
 }
@@ -45,10 +49,14 @@ fn signal(child: &Child, name: &str) {
 
 #[test]
 fn a_bake_that_is_killed_again_and_again_ends_with_the_same_bits() {
+    WAYS.iter().for_each(|way| killed_again_and_again(way));
+}
+
+fn killed_again_and_again(way: &str) {
     let folder = TempDir::new().unwrap();
     let plain = folder.path().join("plain.field");
     let start = Instant::now();
-    assert!(command(&plain, "129").status().unwrap().success());
+    assert!(command(&plain, "129", way).status().unwrap().success());
     let whole = start.elapsed();
     let expected = manifest(&plain).unwrap();
 
@@ -64,7 +72,7 @@ fn a_bake_that_is_killed_again_and_again_ends_with_the_same_bits() {
             assert_eq!(manifest(&field).unwrap().digest, expected.digest, "after {kills} kills");
             std::fs::remove_dir_all(&field).unwrap();
         }
-        let mut child = command(&field, "129").spawn().unwrap();
+        let mut child = command(&field, "129", way).spawn().unwrap();
         if round % 2 == 0 {
             // Asked politely, it commits in the middle of a cycle what the next one must take up.
             begun(&field, &mut child);
@@ -78,7 +86,7 @@ fn a_bake_that_is_killed_again_and_again_ends_with_the_same_bits() {
         }
     }
     assert!(kills >= 4 && stops >= 4, "only {kills} killed and {stops} stopped in time");
-    assert!(command(&field, "129").status().unwrap().success());
+    assert!(command(&field, "129", way).status().unwrap().success());
     let resumed = manifest(&field).unwrap();
     assert_eq!(resumed.phase, Phase::Finished);
     assert_eq!(resumed.digest, expected.digest, "after {kills} kills");
@@ -96,14 +104,13 @@ fn a_bake_that_is_killed_again_and_again_ends_with_the_same_bits() {
 
 #[test]
 fn interrupted_politely_it_stops_keeps_its_work_and_says_how_to_go_on() {
-    for (name, code) in [("-INT", 130), ("-TERM", 143)] {
+    for (name, code, way) in [("-INT", 130, WAYS[0]), ("-TERM", 143, WAYS[1])] {
         let folder = TempDir::new().unwrap();
         let field = folder.path().join("room.field");
-        let child = command(&field, "2049").spawn().unwrap();
+        let child = command(&field, "2049", way).spawn().unwrap();
         // Past the first directions, so that there is something to keep.
-        let written = || std::fs::read_dir(field.join("unshot-0001")).map_or(0, Iterator::count);
         let start = Instant::now();
-        while written() < 8 {
+        while !manifest(&field).is_some_and(|m| m.done_count() > 0) {
             assert!(start.elapsed() < Duration::from_secs(60), "the bake does not begin");
             std::thread::sleep(Duration::from_millis(1));
         }

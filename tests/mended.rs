@@ -2,15 +2,13 @@
 
 mod common;
 
-use common::{Baked, How, bake_to, parameters, scene};
+use common::{Baked, How, bake_to, parameters, scene, stored};
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use vlf::Parameters;
 use vlf::bake::{BakeError, Options, Outcome};
 use vlf::field::Terms;
 use vlf::field::storage::disk::Disk;
-use vlf::format::manifest::Specular;
 use vlf::format::names;
 use vlf::verify;
 
@@ -56,8 +54,7 @@ fn made_again(name: &str) {
 
 #[test]
 fn what_cannot_be_made_again_is_said_and_left_as_it_is() {
-    let parameters =
-        Parameters { specular: Specular::Maps, resample: false, ..parameters(33, 16, 2) };
+    let parameters = stored(parameters(33, 16, 2));
     let bake = |path: &Path, scene: &vlf::Scene| {
         let options = Options {
             memory: 1 << 30,

@@ -4,11 +4,12 @@
 
 mod common;
 
-use common::{Baked, camera, mean_radiance, obj, parameters, picture, scene, scene_of};
+use common::{Baked, both_ways, camera, mean_radiance, obj, parameters, picture, scene, scene_of};
 use glam::DVec3;
 use vlf::Visible;
 use vlf::look::render::method::Method;
-use vlf::look::render::raytrace::{MAX_DEPTH, Raytrace};
+use vlf::look::render::raytrace::Raytrace;
+use vlf::paths::{MAX_DEPTH, Paths};
 use vlf::{Camera, Parameters, Rgb, Scene};
 
 /// A room without its wall at z = -1, a tilted box in it and a lamp at the ceiling, as faces of quads.
@@ -108,11 +109,9 @@ fn a_mirror_shows_what_the_mirrored_eye_sees_through_its_frame() {
     let behind = without_the_mirror(&field.scene);
     let visible = Visible::new(&behind);
     let trace = Raytrace {
-        scene: &behind,
-        visible: &visible,
+        paths: Paths { scene: &behind, visible: &visible, max_depth: MAX_DEPTH },
         texels: &field.texels,
         values: &field.total,
-        max_depth: MAX_DEPTH,
     };
     let options = vlf::look::render::Options { samples: 1 };
     let other = vlf::look::render::render(
@@ -151,19 +150,21 @@ fn a_mirror_shows_what_the_mirrored_eye_sees_through_its_frame() {
 /// in the wall's place.
 #[test]
 fn a_perfect_mirror_lights_as_the_room_behind_it_would() {
-    let glass =
-        Baked::new(&scene_of(&(room(false) + MIRROR), &materials(1.0)), &parameters(513, 64, 9));
+    let glass = scene_of(&(room(false) + MIRROR), &materials(1.0));
     let doubled = scene_of(&(room(false) + &room(true)), &materials(1.0));
     // The same cells in the scene's units, as the doubled scene is larger.
     let n = (64.0 * doubled.fit.radius / 3f64.sqrt() / 16.0).round() as u32 * 16;
     let open = Baked::new(&doubled, &parameters(513, n, 9));
-    let (glass, open) = (glass.open(), open.open());
-    // Light takes a cycle more by way of the mirror: only after many do the two come together.
-    for (material, bound) in
-        [("floor", 0.02), ("white", 0.02), ("red", 0.02), ("green", 0.02), ("blue", 0.02)]
-    {
-        let (a, b) = (mean_radiance(&glass, material), mean_radiance(&open, material));
-        assert!((a / b - 1.0).abs() < bound, "{material}: {a:.4} by the mirror, {b:.4} doubled");
+    let open = open.open();
+    // By stored maps light takes a cycle more by way of the mirror: only after many do the two come
+    // together.
+    for (way, parameters) in both_ways(&parameters(513, 64, 9)) {
+        let glass = Baked::new(&glass, &parameters).open();
+        for material in ["floor", "white", "red", "green", "blue"] {
+            let (a, b) = (mean_radiance(&glass, material), mean_radiance(&open, material));
+            let off = (a / b - 1.0).abs();
+            assert!(off < 0.02, "{way}, {material}: {a:.4} by the mirror, {b:.4} doubled");
+        }
     }
 }
 
@@ -183,19 +184,20 @@ usemtl mirror\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8
             "newmtl receiver\nKd 0.5 0.5 0.5\nillum 1\nnewmtl lamp\nKd 0 0 0\nKe 1 1 1\nillum 1\n\
              newmtl mirror\nKd 0 0 0\nKs {ks} {ks} {ks}\nillum 3\n"
         );
-        let parameters = Parameters { cycles: None, ..parameters(513, 64, 1) };
-        let baked = Baked::new(&scene_of(tube, &mtl), &parameters);
-        let field = baked.open();
+        let scene = scene_of(tube, &mtl);
         // By reciprocity the lamp's images are as many squares at height 2, displaced by (i, j).
         let images = if ks == 1.0 { 1.0 } else { tube_factor(ks) };
-        // What the receiver reflects comes back by the black lamp's plane not at all.
-        let found = mean_radiance(&field, "receiver") / 0.5;
-        let off = found / images - 1.0;
-        assert!(
-            off.abs() < 0.01,
-            "Ks {ks}: {found:.5} of the lamp arrives, not {images:.5}: {:+.2} %",
-            100.0 * off
-        );
+        for (way, parameters) in both_ways(&parameters(513, 64, 1)) {
+            let parameters = Parameters { cycles: None, ..parameters };
+            let field = Baked::new(&scene, &parameters).open();
+            // What the receiver reflects comes back by the black lamp's plane not at all.
+            let found = mean_radiance(&field, "receiver") / 0.5;
+            let off = 100.0 * (found / images - 1.0);
+            assert!(
+                off.abs() < 1.0,
+                "{way}, Ks {ks}: {found:.5} of the lamp arrives, not {images:.5}: {off:+.2} %"
+            );
+        }
     }
 }
 
@@ -238,9 +240,8 @@ fn a_mirror_ring_gathers_light_in_a_cusp_and_a_grey_one_does_not() {
         .replace("illum 3", "illum 1")
         .replace("Ns 100000\n", "");
     assert_ne!(mtl, grey);
-    let light = |mtl: &str| {
-        let baked = Baked::new(&scene_of(&text, mtl), &parameters(513, 64, 2));
-        let field = baked.open();
+    let light = |mtl: &str, parameters: &Parameters| {
+        let field = Baked::new(&scene_of(&text, mtl), parameters).open();
         let (id, lattice) = (vlf::SurfaceId(0), field.texels.lattices[0]);
         let plane = field.scene.surface(id);
         assert_eq!(field.scene.material_of(id).name, "plane");
@@ -261,25 +262,27 @@ fn a_mirror_ring_gathers_light_in_a_cusp_and_a_grey_one_does_not() {
         }
         halves.map(|(sum, count)| sum / f64::from(count))
     };
-    let (mirror, grey) = (light(&mtl), light(&grey));
-    println!("left, right: mirror {mirror:?}, grey {grey:?}");
-    // Left is the far half.
-    let gained = [mirror[0] - grey[0], mirror[1] - grey[1]];
-    assert!(gained[0] > 0.1 * grey[0], "mirror {mirror:?}, grey {grey:?}");
-    assert!(gained[0] > 2.0 * gained[1].max(0.0), "mirror {mirror:?}, grey {grey:?}");
+    for (way, parameters) in both_ways(&parameters(513, 64, 2)) {
+        let (mirror, grey) = (light(&mtl, &parameters), light(&grey, &parameters));
+        println!("{way}, left, right: mirror {mirror:?}, grey {grey:?}");
+        // Left is the far half.
+        let gained = [mirror[0] - grey[0], mirror[1] - grey[1]];
+        assert!(gained[0] > 0.1 * grey[0], "{way}: mirror {mirror:?}, grey {grey:?}");
+        assert!(gained[0] > 2.0 * gained[1].max(0.0), "{way}: mirror {mirror:?}, grey {grey:?}");
+    }
 }
 
 /// Two ways to look into two mirrors that face each other: following the ray, and what has arrived.
 #[test]
 fn a_corridor_of_mirrors_is_as_bright_by_either_method() {
-    let baked = Baked::new(&scene("mirror_corridor"), &parameters(129, 64, 6));
-    let field = baked.open();
-    let camera = camera("mirror_corridor", 80, 80);
-    let (trace, looked_up) =
-        (picture(&field, &camera, Method::Trace, 4), picture(&field, &camera, Method::Field, 4));
-    let mean = |p: &vlf::look::image::Picture| {
-        p.pixels.iter().map(|v| f64::from(v.mean())).sum::<f64>() / 6400.0
-    };
-    let (a, b) = (mean(&trace), mean(&looked_up));
-    assert!((a / b - 1.0).abs() < 0.1, "trace {a:.4}, field {b:.4}");
+    let (scene, camera) = (scene("mirror_corridor"), camera("mirror_corridor", 80, 80));
+    for (way, parameters) in both_ways(&parameters(129, 64, 6)) {
+        let field = Baked::new(&scene, &parameters).open();
+        let mean = |method| {
+            let picture = picture(&field, &camera, method, 4);
+            picture.pixels.iter().map(|v| f64::from(v.mean())).sum::<f64>() / 6400.0
+        };
+        let (a, b) = (mean(Method::Trace), mean(Method::Field));
+        assert!((a / b - 1.0).abs() < 0.1, "{way}: trace {a:.4}, field {b:.4}");
+    }
 }

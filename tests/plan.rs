@@ -5,7 +5,7 @@
 mod common;
 
 use assert_cmd::Command;
-use common::{Baked, obj, parameters, scene};
+use common::{Baked, obj, parameters, scene, stored};
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -46,17 +46,21 @@ fn near(what: &str, said: u64, done: u64, hundredths: f64) {
 
 #[test]
 fn bytes_on_disk_are_as_planned() {
-    for (name, directions, resolution, cycles) in [
+    for (name, parameters) in [
         // More lines than are rehearsed.
-        ("cornell", 513, 32, 3),
-        ("cornell_mirror", 513, 32, 3),
-        ("metal_sphere", 513, 32, 3),
-        ("parallel_squares", 129, 64, 2),
+        ("cornell", parameters(513, 32, 3)),
+        ("cornell_mirror", parameters(513, 32, 3)),
+        ("cornell_mirror", stored(parameters(513, 32, 3))),
+        ("metal_sphere", parameters(513, 32, 3)),
+        ("metal_sphere", stored(parameters(513, 32, 3))),
+        ("parallel_squares", parameters(129, 64, 2)),
         // As many.
-        ("cornell_mirror", 33, 32, 4),
+        ("cornell_mirror", parameters(33, 32, 4)),
+        ("cornell_mirror", stored(parameters(33, 32, 4))),
     ] {
-        let what = format!("{name}, {directions} lines, {resolution} x {resolution}");
-        let (scene, parameters) = (scene(name), parameters(directions, resolution, cycles));
+        let Parameters { directions, resolution, specular, .. } = parameters;
+        let what = format!("{name}, {specular:?}, {directions} lines, {resolution} x {resolution}");
+        let scene = scene(name);
         let plan = planned(&scene, &parameters, 1 << 30);
         let baked = Baked::new(&scene, &parameters);
         // Of tiny maps much is the rounding of parts, and the least change of what is lit counts.
@@ -76,6 +80,17 @@ fn bytes_on_disk_are_as_planned() {
         }
         assert!(plan.disk.peak >= plan.disk.finished && plan.disk.written >= plan.disk.peak);
     }
+}
+
+/// Without pages to read, more than the smallest grant is of no use.
+#[test]
+fn where_no_maps_are_stored_the_smallest_grant_is_the_useful_one() {
+    let (scene, parameters) = (scene("cornell_mirror"), parameters(129, 32, 2));
+    let plan = planned(&scene, &parameters, 1 << 30);
+    assert_eq!(plan.memory.smallest, plan.memory.useful);
+    let how = common::How { memory: plan.memory.smallest, ..common::How::default() };
+    let cache = Baked::with(&scene, &parameters, &how).manifest().statistics.cache;
+    assert_eq!((cache.hits, cache.misses, cache.peak), (0, 0, 0));
 }
 
 /// The files that are the same for any number of lines are right to the byte.
@@ -100,10 +115,11 @@ fn cycles_are_those_of_the_bake() {
     assert!(plan.cycles.abs_diff(cycles) <= 1, "{} said, {cycles} done", plan.cycles);
 }
 
-/// With the useful grant no page is read twice; with the smallest the bake is slow, but runs.
+/// With the useful grant no page of stored maps is read twice; with the smallest the bake is slow, but
+/// runs.
 #[test]
 fn the_useful_grant_is_enough_to_read_every_page_once() {
-    let (scene, parameters) = (scene("cornell_mirror"), parameters(513, 32, 3));
+    let (scene, parameters) = (scene("cornell_mirror"), stored(parameters(513, 32, 3)));
     let plan = planned(&scene, &parameters, 1 << 30);
     assert!(plan.memory.smallest < plan.memory.useful);
     for (memory, is_useful) in [(plan.memory.useful, true), (plan.memory.smallest, false)] {

@@ -76,12 +76,15 @@ fn operations(tiny: &Tiny) -> u64 {
 
 #[test]
 fn power_lost_at_any_operation_costs_nothing_that_was_committed() {
-    let tiny = Tiny::new();
-    let (plain, operations) = (tiny.undisturbed(), operations(&tiny));
+    Tiny::both().iter().for_each(power_lost_at_any_operation);
+}
+
+fn power_lost_at_any_operation(tiny: &Tiny) {
+    let (plain, operations) = (tiny.undisturbed(), operations(tiny));
     let losses = AtomicU64::new(0);
     for_all(0..operations + 40, |k| {
         let disk = Arc::new(Memory::default());
-        let Some(returned) = until(&disk, &tiny, k, None) else { return };
+        let Some(returned) = until(&disk, tiny, k, None) else { return };
         for seed in 0..SEEDS {
             let check = || -> Result<(), String> {
                 let left = after(&disk, k, seed);
@@ -95,9 +98,9 @@ fn power_lost_at_any_operation_costs_nothing_that_was_committed() {
                     if before != Some(newest - 1) {
                         return Err(format!("without commit {newest} commit {before:?} is newest"));
                     }
-                    goes_on(left, &tiny, &plain)?;
+                    goes_on(left, tiny, &plain)?;
                 }
-                goes_on(left, &tiny, &plain)
+                goes_on(left, tiny, &plain)
             };
             if let Err(e) = check() {
                 panic!("power lost at operation {k} of {operations}, seed {seed}: {e}");
@@ -114,8 +117,11 @@ fn power_lost_at_any_operation_costs_nothing_that_was_committed() {
 /// the next run with what was never synced.
 #[test]
 fn power_lost_again_while_recovering_costs_nothing_more() {
-    let tiny = Tiny::new();
-    let (plain, operations) = (tiny.undisturbed(), operations(&tiny));
+    Tiny::both().iter().for_each(power_lost_again);
+}
+
+fn power_lost_again(tiny: &Tiny) {
+    let (plain, operations) = (tiny.undisturbed(), operations(tiny));
     let losses = AtomicU64::new(0);
     for_all((0..operations).step_by(7), |k| {
         for (round, killed) in [false, true, false, true].into_iter().enumerate() {
@@ -124,11 +130,11 @@ fn power_lost_again_while_recovering_costs_nothing_more() {
             let again = dice.next() % if round < 2 { 16 } else { operations };
             let mut check = || -> Result<bool, String> {
                 let disk = Arc::new(Memory::default());
-                let Some(returned) = until(&disk, &tiny, k, None) else { return Ok(false) };
+                let Some(returned) = until(&disk, tiny, k, None) else { return Ok(false) };
                 // A killed bake leaves the disk as it is: the system has not gone.
                 let disk = if killed { disk } else { Arc::new(after(&disk, k, dice.next() % 9)) };
                 let taken_up = kept(&disk, returned, returned + 1)?;
-                let Some(more) = until(&disk, &tiny, again, None) else { return Ok(false) };
+                let Some(more) = until(&disk, tiny, again, None) else { return Ok(false) };
                 let least = match more {
                     // The kill may have come between a commit and its last sync.
                     0 if killed => returned,
@@ -136,7 +142,7 @@ fn power_lost_again_while_recovering_costs_nothing_more() {
                 };
                 let left = after(&disk, again, dice.next() % 3);
                 kept(&left, least, taken_up + more + 1)?;
-                goes_on(left, &tiny, &plain)?;
+                goes_on(left, tiny, &plain)?;
                 Ok(true)
             };
             match check() {
@@ -154,8 +160,11 @@ fn power_lost_again_while_recovering_costs_nothing_more() {
 /// what it says is committed is, whoever wrote it.
 #[test]
 fn what_an_earlier_run_did_not_sync_the_next_one_does() {
-    let tiny = Tiny::new();
-    let hasty = Tiny { sync: false, ..Tiny::new() };
+    Tiny::both().iter().for_each(the_next_one_syncs);
+}
+
+fn the_next_one_syncs(tiny: &Tiny) {
+    let hasty = Tiny { sync: false, ..tiny.clone() };
     let (plain, operations) = (tiny.undisturbed(), operations(&hasty));
     let losses = AtomicU64::new(0);
     for_all((0..operations).step_by(2), |k| {
@@ -167,14 +176,14 @@ fn what_an_earlier_run_did_not_sync_the_next_one_does() {
                 return Ok(());
             }
             let taken_up = newest_commit(&*disk, "")?.unwrap_or(0);
-            let Some(more) = until(&disk, &tiny, again, None) else { return Ok(()) };
+            let Some(more) = until(&disk, tiny, again, None) else { return Ok(()) };
             if more == 0 {
                 return Ok(());
             }
             for seed in 0..SEEDS {
                 let left = after(&disk, again, seed);
                 kept(&left, taken_up + more, taken_up + more + 1)?;
-                goes_on(left, &tiny, &plain)?;
+                goes_on(left, tiny, &plain)?;
                 losses.fetch_add(1, Ordering::Relaxed);
             }
             Ok(())
@@ -214,13 +223,16 @@ const SYNCS: [(&str, Skips); 8] = [
 
 #[test]
 fn no_sync_can_be_left_out_unnoticed() {
-    let tiny = Tiny::new();
-    let operations = operations(&tiny);
+    Tiny::both().iter().for_each(no_sync_is_idle);
+}
+
+fn no_sync_is_idle(tiny: &Tiny) {
+    let operations = operations(tiny);
     for (name, unsynced) in SYNCS {
         let (losses, found) = (AtomicU64::new(0), AtomicU64::new(0));
         for_all(0..operations, |k| {
             let disk = Arc::new(Memory::default());
-            let Some(returned) = until(&disk, &tiny, k, Some(unsynced)) else { return };
+            let Some(returned) = until(&disk, tiny, k, Some(unsynced)) else { return };
             for seed in 0..4 * SEEDS {
                 losses.fetch_add(1, Ordering::Relaxed);
                 if kept(&after(&disk, k, seed), returned, returned + 1).is_err() {
@@ -237,12 +249,13 @@ fn no_sync_can_be_left_out_unnoticed() {
 /// All syncs that a bake does are of the kinds above, so that the table is the whole table.
 #[test]
 fn every_sync_is_of_a_kind_that_was_left_out() {
-    let tiny = Tiny::new();
-    let faulty = Arc::new(Faulty::new(Arc::new(Memory::default()), Faults::default()));
-    tiny.bake(faulty.clone()).unwrap();
-    let log = faulty.log();
-    for k in (0..log.len()).filter(|k| log[*k].starts_with("sync ")) {
-        let kinds = SYNCS.iter().filter(|(_, is)| is(&log[..=k])).count();
-        assert_eq!(kinds, 1, "{} after {}", log[k], log[k - 1]);
+    for tiny in Tiny::both() {
+        let faulty = Arc::new(Faulty::new(Arc::new(Memory::default()), Faults::default()));
+        tiny.bake(faulty.clone()).unwrap();
+        let log = faulty.log();
+        for k in (0..log.len()).filter(|k| log[*k].starts_with("sync ")) {
+            let kinds = SYNCS.iter().filter(|(_, is)| is(&log[..=k])).count();
+            assert_eq!(kinds, 1, "{} after {}", log[k], log[k - 1]);
+        }
     }
 }

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Baked, Dice, How, bake_to, parameters, scene};
+use common::{Baked, Dice, How, bake_to, both_ways, parameters, scene};
 use std::fs;
 use std::path::Path;
 use vlf::bake::Outcome;
@@ -13,7 +13,7 @@ use vlf::field::storage::disk::Disk;
 use vlf::format::container::Codec;
 use vlf::format::manifest::Phase;
 use vlf::pack::pack;
-use vlf::{Parameters, Scene, Transfer};
+use vlf::{Parameters, Scene, Specular, Transfer};
 
 /// Digest of the field and bytes of its pack.
 fn bits(field: &Path) -> ([u8; 16], Vec<u8>) {
@@ -25,7 +25,7 @@ fn bits(field: &Path) -> ([u8; 16], Vec<u8>) {
     (manifest.digest, fs::read(out).unwrap())
 }
 
-/// A room with a mirror: diffuse and mirror transport, stored maps read again.
+/// A room with a mirror: diffuse and mirror transport.
 fn room() -> (Scene, Parameters) {
     let parameters = Parameters { perturbations: vec![2, 1], ..parameters(129, 32, 3) };
     (scene("cornell_mirror"), parameters)
@@ -34,7 +34,13 @@ fn room() -> (Scene, Parameters) {
 #[test]
 fn threads_order_and_memory_change_no_bit() {
     let (scene, parameters) = room();
-    let plain = bits(&Baked::with(&scene, &parameters, &How { threads: 1, ..How::default() }).path);
+    for (way, parameters) in both_ways(&parameters) {
+        changes_no_bit(way, &scene, &parameters);
+    }
+}
+
+fn changes_no_bit(way: &str, scene: &Scene, parameters: &Parameters) {
+    let plain = bits(&Baked::with(scene, parameters, &How { threads: 1, ..How::default() }).path);
     let mut dice = Dice(5);
     let reversed = (0..129).rev().collect();
     let ways = [
@@ -51,9 +57,9 @@ fn threads_order_and_memory_change_no_bit() {
         ("commits all the time", How { commit_every: 0.0, ..How::default() }),
     ];
     for (name, how) in ways {
-        let other = bits(&Baked::with(&scene, &parameters, &how).path);
-        assert_eq!(plain.0, other.0, "{name}: another digest");
-        assert!(plain.1 == other.1, "{name}: another pack");
+        let other = bits(&Baked::with(scene, parameters, &how).path);
+        assert_eq!(plain.0, other.0, "{way}, {name}: another digest");
+        assert!(plain.1 == other.1, "{way}, {name}: another pack");
     }
 }
 
@@ -88,14 +94,22 @@ fn other_parameters_give_other_bits() {
     let plain = bits(&Baked::new(&scene, &parameters).path).0;
     let other = Parameters { perturbations: vec![1], ..parameters.clone() };
     assert_ne!(plain, bits(&Baked::new(&scene, &other).path).0, "perturbations");
-    let other = Parameters { one_sided: true, cycles: Some(2), ..parameters };
+    let other = Parameters { one_sided: true, cycles: Some(2), ..parameters.clone() };
     assert_ne!(plain, bits(&Baked::new(&scene, &other).path).0, "cycles, sides");
+    let other = Parameters { specular: Specular::Maps, ..parameters };
+    assert_ne!(plain, bits(&Baked::new(&scene, &other).path).0, "mirrors");
 }
 
 #[test]
 fn a_bake_that_is_stopped_again_and_again_ends_with_the_same_bits() {
     let (scene, parameters) = room();
-    let plain = bits(&Baked::new(&scene, &parameters).path);
+    for (way, parameters) in both_ways(&parameters) {
+        stopped_again_and_again(way, &scene, &parameters);
+    }
+}
+
+fn stopped_again_and_again(way: &str, scene: &Scene, parameters: &Parameters) {
+    let plain = bits(&Baked::new(scene, parameters).path);
     let mut dice = Dice(7);
     for (commit_every, threads) in [(1e9, 2), (0.0, 1)] {
         let folder = tempfile::TempDir::new().unwrap();
@@ -105,15 +119,15 @@ fn a_bake_that_is_stopped_again_and_again_ends_with_the_same_bits() {
             let stop_after = Some(1 + (dice.next() % 3) as u32);
             let order = Some(dice.shuffled(129));
             let how = How { stop_after, threads, order, commit_every, ..How::default() };
-            match bake_to(&path, &scene, &parameters, &how) {
+            match bake_to(&path, scene, parameters, &how) {
                 Outcome::Finished => break,
                 Outcome::Stopped => stops += 1,
             }
         }
-        assert!(stops >= 4, "stopped only {stops} times");
+        assert!(stops >= 4, "{way}: stopped only {stops} times");
         let resumed = bits(&path);
-        assert_eq!(plain.0, resumed.0, "after {stops} stops: another digest");
-        assert!(plain.1 == resumed.1, "after {stops} stops: another pack");
+        assert_eq!(plain.0, resumed.0, "{way}, after {stops} stops: another digest");
+        assert!(plain.1 == resumed.1, "{way}, after {stops} stops: another pack");
     }
 }
 

@@ -33,7 +33,8 @@ fn small(field: &Path, sync: &str) -> Vec<String> {
     let mut args: Vec<String> =
         ["bake", scene.to_str().unwrap(), "-o", field].map(str::to_owned).into();
     let how = "--directions 33 --resolution 16 --cycles 2 --perturb 2,1 --threads 2 --sync";
-    args.extend(how.split(' ').chain([sync]).map(str::to_owned));
+    let mirrors = "--specular maps --resample off".split(' ');
+    args.extend(how.split(' ').chain([sync]).chain(mirrors).map(str::to_owned));
     args
 }
 

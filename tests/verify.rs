@@ -7,7 +7,7 @@ mod common;
 mod sealing;
 
 use assert_cmd::Command;
-use common::{Baked, How, bake_into, bake_to, camera, parameters, scene};
+use common::{Baked, How, bake_into, bake_to, both_ways, camera, parameters, scene, stored};
 use sealing::{Chunk, rebuilt};
 use std::collections::BTreeMap;
 use std::fs;
@@ -25,7 +25,7 @@ use vlf::format::manifest::{Manifest, Phase};
 use vlf::look::render::method::{mark, take_tolerant};
 use vlf::pack::pack;
 use vlf::verify::{self, Report, Trouble};
-use vlf::{LightField, Method, Outcome, Visible};
+use vlf::{LightField, Method, Outcome, Parameters, Visible};
 
 const CORRUPT: i32 = 4;
 
@@ -39,11 +39,16 @@ fn check(storage: &dyn Storage) -> Report {
     verify::field(storage, &|_| ()).unwrap()
 }
 
-/// A small bake in memory that is stopped after so many reports of progress.
+/// A small bake in memory that is stopped after so many reports of progress; with mirrors' maps stored,
+/// so that it has files of all kinds.
 fn memory(stop_after: Option<u32>) -> Arc<Memory> {
+    memory_of(&stored(parameters(9, 16, 2)), stop_after)
+}
+
+fn memory_of(parameters: &Parameters, stop_after: Option<u32>) -> Arc<Memory> {
     let storage = Arc::new(Memory::default());
     let how = How { threads: 1, stop_after, commit_every: 0.0, ..How::default() };
-    let ended = bake_into(storage.clone(), &scene("cornell_mirror"), &parameters(9, 16, 2), &how);
+    let ended = bake_into(storage.clone(), &scene("cornell_mirror"), parameters, &how);
     assert_eq!(ended == Outcome::Finished, stop_after.is_none());
     storage
 }
@@ -68,7 +73,7 @@ fn length(storage: &Memory, name: &str) -> usize {
 fn patient() -> (TempDir, std::path::PathBuf) {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("room.field");
-    bake_to(&path, &scene("cornell_mirror"), &parameters(33, 32, 2), &How::default());
+    bake_to(&path, &scene("cornell_mirror"), &stored(parameters(33, 32, 2)), &How::default());
     (folder, path)
 }
 
@@ -90,22 +95,33 @@ fn state(path: &Path) -> BTreeMap<String, (Vec<u8>, SystemTime)> {
 
 #[test]
 fn sound_fields_are_sound_wherever_the_bake_stands() {
+    for (way, parameters) in both_ways(&parameters(9, 16, 2)) {
+        println!("{way}");
+        is_sound_at_any_stop(&parameters);
+    }
+}
+
+fn is_sound_at_any_stop(parameters: &Parameters) {
     // Files and chunks: two manifests and the scene, textures (2 chunks), sums, 9 tile files of
-    // unshot maps (2 chunks) a generation, 9 of total maps.
+    // unshot maps (2 chunks) a generation if they are stored, 9 of total maps.
+    let mirrors = u64::from(parameters.stores_mirrors());
     let mut seen = Vec::new();
     for stop in [1, 4, 9, 10, 14, 19, 23, 27] {
-        let storage = memory(Some(stop));
+        let storage = memory_of(parameters, Some(stop));
         let report = check(&*storage);
         assert!(report.is_sound(), "{stop}: {:?}", report.findings);
         let state = report.state.unwrap();
         let manifest = read_manifest(&*storage).unwrap().1;
         assert_eq!((state.commit, state.done), (manifest.sequence, manifest.done_count()));
         let done = u64::from(state.done);
-        let (shot, sums) = (9 * u64::from(state.cycle > 0), u64::from(manifest.has_sums));
-        let textures = u64::from(state.cycle > 0);
-        let maps = if state.phase == Phase::Propagating { 2 } else { 1 };
-        assert_eq!(report.files, 3 + textures + sums + shot + done, "{stop}: {state:?}");
-        let chunks = 3 + 2 * textures + sums + 2 * shot + maps * done;
+        let (textures, sums) = (u64::from(state.cycle > 0), u64::from(manifest.has_sums));
+        let shot = 9 * textures * mirrors;
+        let (files, maps) = match state.phase {
+            Phase::Propagating => (mirrors * done, 2),
+            _ => (done, 1),
+        };
+        assert_eq!(report.files, 3 + textures + sums + shot + files, "{stop}: {state:?}");
+        let chunks = 3 + 2 * textures + sums + 2 * shot + maps * files;
         assert_eq!(report.chunks, chunks, "{stop}: {state:?}");
         assert_eq!((report.digest, report.stated_digest), (None, None));
         seen.push((state.phase, state.cycle, manifest.has_sums));
@@ -117,7 +133,7 @@ fn sound_fields_are_sound_wherever_the_bake_stands() {
     ] {
         assert!(seen.contains(&(phase, cycle, sums)), "no stop in {phase:?} {cycle}: {seen:?}");
     }
-    let storage = memory(None);
+    let storage = memory_of(parameters, None);
     let report = check(&*storage);
     assert!(report.is_sound(), "{:?}", report.findings);
     assert_eq!((report.files, report.chunks), (13, 14));
@@ -215,7 +231,7 @@ fn every_kind_of_damage_is_named() {
     bake_to(&other, &scene("cornell"), &parameters(33, 32, 2), &How::default());
     let half = folder.path().join("half.field");
     let how = How { stop_after: Some(40), ..How::default() };
-    bake_to(&half, &scene("cornell_mirror"), &parameters(33, 32, 2), &how);
+    bake_to(&half, &scene("cornell_mirror"), &stored(parameters(33, 32, 2)), &how);
     let manifest = read_manifest(&Disk::new(&half)).unwrap().1;
     assert!(manifest.cycle == 1 && manifest.has_sums && manifest.done_count() > 0);
     let sums = format!("sums-{:08}", manifest.sequence);
@@ -455,7 +471,7 @@ fn smallest(stop_after: Option<u32>) -> Memory {
     let storage = Arc::new(Memory::default());
     let how = How { threads: 1, stop_after, commit_every: 0.0, ..How::default() };
     let tiny = common::store::Tiny::new().scene;
-    let parameters = vlf::Parameters { tile: 4, ..parameters(3, 8, 2) };
+    let parameters = stored(Parameters { tile: 4, ..parameters(3, 8, 2) });
     bake_into(storage.clone(), &tiny, &parameters, &how);
     storage.after_power_loss(|| 0)
 }

@@ -413,7 +413,7 @@ mod tests {
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
-            specular: crate::format::manifest::Specular::Maps,
+            specular: Specular::Maps,
             resample: false,
             ..Parameters::default()
         }

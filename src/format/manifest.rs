@@ -326,9 +326,12 @@ impl Manifest {
         if !same || self.done.len() != (p.directions as usize).div_ceil(8) {
             return Err(Fault::invalid("its parameters are not those of its first block"));
         }
-        let filter = p.filter <= 64 && (1..=limits::SPLIT).contains(&p.split);
-        if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() || !filter {
+        let counts = p.filter <= 64 && (1..=limits::SPLIT).contains(&p.split);
+        if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() || !counts {
             return Err(Fault::invalid("its parameters are out of range"));
+        }
+        if p.specular == Specular::Trace && !p.resample {
+            return Err(Fault::invalid("its mirrors' maps are neither stored nor traced"));
         }
         Ok(())
     }

@@ -9,6 +9,7 @@ use glam::{DVec3, Vec2, Vec3};
 pub struct Dice(pub u64);
 
 impl Dice {
+    /// The next number.
     pub fn roll(&mut self) -> f32 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -17,15 +18,18 @@ impl Dice {
         ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
     }
 
+    /// A point in the unit ball.
     pub fn point(&mut self) -> Vec3 {
         Vec3::new(self.roll(), self.roll(), self.roll()) * 0.57
     }
 }
 
+/// A grey material; `emitted` in W sr^-1 m^-2.
 pub fn material(name: &str, emitted: f32, reflectance: Reflectance) -> Material {
     Material { name: name.into(), emitted: Rgb::splat(emitted), reflectance }
 }
 
+/// A scene whose own units are those of the unit ball.
 pub fn scene_of(surfaces: Vec<Surface>, materials: Vec<Material>) -> Scene {
     Scene { surfaces, materials, fit: Fit { centre: DVec3::ZERO, radius: 1.0 } }
 }
@@ -57,6 +61,7 @@ pub fn walls() -> Vec<Surface> {
     ]
 }
 
+/// The cube of walls, white.
 pub fn room() -> Scene {
     let white = material("white", 0.0, Reflectance::Diffuse(Rgb::splat(0.5)));
     scene_of(walls(), vec![white])

@@ -18,7 +18,7 @@ use vlf::field::{Terms, read_manifest};
 use vlf::format::manifest::Manifest;
 use vlf::look::image::Picture;
 use vlf::look::render::method::{Method, take};
-use vlf::{Camera, LightField, Parameters, Scene};
+use vlf::{Camera, LightField, Parameters, Scene, Specular};
 
 /// The folders under `scenes/`.
 pub const SCENES: [&str; 10] = [
@@ -89,6 +89,17 @@ pub fn parameters(directions: u32, resolution: u32, cycles: u32) -> Parameters {
         one_sided: false,
         ..Parameters::default()
     }
+}
+
+/// The same with mirrors' maps stored in each cycle, sent on in the next and shown in the end.
+pub fn stored(parameters: Parameters) -> Parameters {
+    Parameters { specular: Specular::Maps, resample: false, ..parameters }
+}
+
+/// Both ways of mirrors: their maps stored, and paths followed through them.
+pub fn both_ways(parameters: &Parameters) -> [(&'static str, Parameters); 2] {
+    assert_eq!(parameters.specular, Specular::Trace);
+    [("stored maps", stored(parameters.clone())), ("paths", parameters.clone())]
 }
 
 /// How a bake is run. None of it may change a bit of the field.

@@ -1,7 +1,7 @@
 //! A field so small that it can be baked thousands of times, in any storage, and a look at what is
 //! left of one.
 
-use super::{parameters, scene_of};
+use super::{parameters, scene_of, stored};
 use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -13,7 +13,7 @@ use vlf::field::storage::memory::Memory;
 use vlf::field::{Terms, files, read_manifest};
 use vlf::format::manifest::Phase;
 use vlf::format::names;
-use vlf::{Parameters, Scene};
+use vlf::{Parameters, Scene, Specular};
 
 /// A floor, a lamp and a mirror.
 const OBJ: &str = "\
@@ -32,6 +32,7 @@ newmtl mirror\nillum 3\nKd 0 0 0\nKs 0.9 0.9 0.9
 ";
 
 /// The scene and how it is baked.
+#[derive(Clone)]
 pub struct Tiny {
     pub scene: Scene,
     pub parameters: Parameters,
@@ -42,10 +43,23 @@ pub struct Tiny {
 }
 
 impl Tiny {
+    /// With mirrors' maps stored: the bake that has every kind of file in it.
     pub fn new() -> Tiny {
-        let parameters = Parameters { tile: 8, ..parameters(9, 16, 3) };
+        let parameters = stored(Parameters { tile: 8, ..parameters(9, 16, 3) });
         let scene = scene_of(OBJ, MTL);
         Tiny { scene, parameters, memory: 1 << 28, threads: 1, force: false, sync: true }
+    }
+
+    /// With paths followed through the mirror, as `vlf bake` does without options.
+    pub fn traced() -> Tiny {
+        let parameters =
+            Parameters { specular: Specular::Trace, resample: true, ..Tiny::new().parameters };
+        Tiny { parameters, ..Tiny::new() }
+    }
+
+    /// Both ways of mirrors.
+    pub fn both() -> [Tiny; 2] {
+        [Tiny::new(), Tiny::traced()]
     }
 
     /// Bakes, or goes on baking, with a commit whenever there is anything to commit.

@@ -109,8 +109,11 @@ def check_identity(name, file, expected):
             "directions": record.num_directions,
             "cycles": record.cycles if record.has_cycles else None,
             "one_sided": record.one_sided == 1,
+            "transfer": record.transfer.name.capitalize(),
+            "specular": record.specular.name.capitalize(),
+            "resample": record.resample == 1,
         }
-        same = "resolution tile unshot_fraction perturbations texel_cells filter".split()
+        same = "resolution tile unshot_fraction perturbations texel_cells filter split".split()
         parameters |= {key: getattr(record, key) for key in same}
         for key in parameters.keys() | expected["parameters"].keys():
             here, there = parameters.get(key), expected["parameters"].get(key)
