@@ -15,6 +15,7 @@ use vlf::bake::transfer::{Fixed, Quantum, add};
 use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
 use vlf::format::tiles::{Layout, exponent_for};
+use vlf::scene::cuts::Cuts;
 use vlf::scene::texels::Texels;
 use vlf::{
     Camera, Cell, Codec, DirectionId, Directions, LightField, Parameters, Psf, Scene, SurfaceId,
@@ -213,7 +214,8 @@ fn transfer_clipped(bencher: Bencher, texel: f32) {
     let facing = Facing::new(texel);
     let sealed = Sealed::none(facing.current.len());
     let Facing { projections, surface_of, current, cells, pairs } = &facing;
-    let ground = Ground { projections, surface_of, sealed: &sealed };
+    let cuts = Cuts::none(surface_of.len());
+    let ground = Ground { projections, surface_of, sealed: &sealed, cuts: &cuts };
     let mut clip = Clip::default();
     let mut sums = vec![[0; 4]; current.len()];
     let ends = cells.iter().zip(pairs).flat_map(|(cell, ends)| ends.map(|value| (*cell, value)));

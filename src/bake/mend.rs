@@ -85,7 +85,7 @@ fn damaged(shared: &Shared, field: &Field, options: &Options) -> Result<Vec<Dama
             cycle: manifest.cycle,
             done,
             directions,
-            preparing: false,
+            preparing: true,
             unshot: 0.0,
             work: done.into(),
             work_left: (manifest.done_count() - done).into(),

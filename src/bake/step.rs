@@ -349,8 +349,8 @@ impl Line<'_> {
     }
 
     fn ground<'a>(&'a self, projections: &'a [Projection]) -> Ground<'a> {
-        let surface_of = &self.shared.texels.surface_of;
-        Ground { projections, surface_of, sealed: self.cycle.sealed }
+        let Texels { surface_of, cuts, .. } = self.shared.texels;
+        Ground { projections, surface_of, sealed: self.cycle.sealed, cuts }
     }
 
     /// Whether a texture value sends anything.

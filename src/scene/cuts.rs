@@ -69,15 +69,16 @@ pub struct Cuts {
 }
 
 impl Cuts {
+    /// Of `count` texels, none of which is cut.
+    pub fn none(count: usize) -> Cuts {
+        let none = || Bits::none(count);
+        Cuts { met: none(), cut: none(), near: none(), ..Cuts::default() }
+    }
+
     /// Finds the cuts of a scene's texels. Mirrors have no texels to be cut. O(n log n) in the polygons
     /// and linear in texels and segments.
     pub fn new(scene: &Scene, lattices: &[Lattice], count: usize) -> Cuts {
-        let mut cuts = Cuts {
-            met: Bits::none(count),
-            cut: Bits::none(count),
-            near: Bits::none(count),
-            ..Cuts::default()
-        };
+        let mut cuts = Cuts::none(count);
         let near = Near::new(scene);
         // Texel and segment.
         let mut pairs: Vec<(u32, Segment)> = Vec::new();

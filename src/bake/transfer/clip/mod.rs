@@ -14,6 +14,7 @@ use self::overlap::{Cells, WHOLE, Windows};
 use super::Fixed;
 use crate::bake::reach::Sealed;
 use crate::ids::Cell;
+use crate::scene::cuts::Cuts;
 use fearless_simd::{Level, dispatch};
 
 /// Cells that are clipped at once.
@@ -46,6 +47,8 @@ pub struct Ground<'a> {
     pub surface_of: &'a [u32],
     /// Texture values that no light can come to.
     pub sealed: &'a Sealed,
+    /// Texels that other surfaces pass through.
+    pub cuts: &'a Cuts,
 }
 
 impl Ground<'_> {
@@ -53,6 +56,13 @@ impl Ground<'_> {
     #[inline(always)]
     fn projection(&self, value: u32) -> Option<&Projection> {
         self.surface_of.get(value as usize / 2).map(|s| &self.projections[*s as usize])
+    }
+
+    /// Whether light of a cell around a texture value may come and go through another one: not if that
+    /// is sealed, nor if it is cut, for then it lies behind the cut as likely as not.
+    #[inline(always)]
+    fn joins(&self, value: u32) -> bool {
+        !self.sealed.has(value as usize) && !self.cuts.is_cut(value / 2)
     }
 }
 
@@ -222,8 +232,8 @@ impl Projection {
     }
 }
 
-/// Appends the taps of one lane's window, the largest first. Nothing comes or goes through a sealed
-/// texel; the texel under the middle, which is not sealed, stands in for it.
+/// Appends the taps of one lane's window, the largest first. The texel of the middle ray stands in for
+/// those through which nothing may come or go.
 #[inline(always)]
 fn gather<const N: usize>(
     windows: &Windows<N>,
@@ -243,7 +253,7 @@ fn gather<const N: usize>(
     let tap = |row: usize, column: usize, weight: u32| {
         let texel = (below + row as i32) * projection.size[0] as i32 + left + column as i32;
         let at = 2 * (projection.first as i32 + texel) as u32 + side;
-        Tap { value: if ground.sealed.has(at as usize) { value } else { at }, weight }
+        Tap { value: if ground.joins(at) { at } else { value }, weight }
     };
     taps.push(tap(largest / columns, largest % columns, weights[largest][lane]));
     for row in 0..rows {

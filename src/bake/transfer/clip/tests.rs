@@ -144,6 +144,7 @@ struct Facing {
     projections: [Projection; 2],
     surface_of: Vec<u32>,
     sealed: Sealed,
+    cuts: Cuts,
     current: Vec<Fixed>,
     cells: Vec<Cell>,
     pairs: Vec<[u32; 2]>,
@@ -182,7 +183,15 @@ impl Facing {
             pairs.push([value(0), far]);
         }
         let surface_of = (0..2 * texels).map(|t| t / texels).collect();
-        Facing { projections, surface_of, sealed: Sealed::none(values), current, cells, pairs }
+        Facing {
+            projections,
+            surface_of,
+            sealed: Sealed::none(values),
+            cuts: Cuts::none(values / 2),
+            current,
+            cells,
+            pairs,
+        }
     }
 
     fn exchange(&self, level: Level) -> (Fixed, Vec<Fixed>) {
@@ -190,6 +199,7 @@ impl Facing {
             projections: &self.projections,
             surface_of: &self.surface_of,
             sealed: &self.sealed,
+            cuts: &self.cuts,
         };
         let mut sums = vec![[0; 4]; self.current.len()];
         let mut clip = Clip::new(level);
@@ -229,6 +239,7 @@ fn a_cell_alone_has_the_taps_it_has_among_others() {
         projections: &facing.projections,
         surface_of: &facing.surface_of,
         sealed: &facing.sealed,
+        cuts: &facing.cuts,
     };
     let mut clip = Clip::default();
     let mut sums = vec![[0; 4]; facing.current.len()];
