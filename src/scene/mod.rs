@@ -38,7 +38,7 @@ mod read;
 mod tests;
 
 #[cfg(test)]
-pub mod test_scenes;
+pub(crate) mod test_scenes;
 
 pub mod camera;
 
