@@ -277,7 +277,8 @@ fn a_mirror_ring_gathers_light_in_a_cusp_and_a_grey_one_does_not() {
 fn a_corridor_of_mirrors_is_as_bright_by_either_method() {
     let (scene, camera) = (scene("mirror_corridor"), camera("mirror_corridor", 80, 80));
     for (way, parameters) in both_ways(&parameters(129, 64, 6)) {
-        let field = Baked::new(&scene, &parameters).open();
+        let baked = Baked::new(&scene, &parameters);
+        let field = baked.open();
         let mean = |method| {
             let picture = picture(&field, &camera, method, 4);
             picture.pixels.iter().map(|v| f64::from(v.mean())).sum::<f64>() / 6400.0
