@@ -7,32 +7,28 @@
 //! fragment is the space outside the scene.
 
 use super::layers::Fragment;
+use crate::ids::SurfaceId;
+pub use crate::scene::contacts::CONTACT;
+use crate::scene::contacts::Contacts;
 
-/// Surfaces closer than this along a ray touch: no light passes between them, and lines that meet
-/// only in the contact say nothing of the texel's radiance. In the fitted scene's units.
-pub const CONTACT: f32 = 1e-5;
-
-/// Whether light passes between two neighbours on a ray.
+/// Whether light passes between two neighbours on a ray. Lines that meet only in a contact say nothing
+/// of the texel's radiance.
 pub fn see_each_other(near: Fragment, far: Fragment) -> bool {
     far.depth() - near.depth() > CONTACT
 }
 
 /// Puts touching fragments into an order that is the same from both ends of the ray and from every
-/// direction. Fragments in the order of depth; only those that touch change places.
-pub fn order_contacts(fragments: &mut [Fragment]) {
-    // Groups of touching fragments, most of them of one: the one before, and the one at hand.
-    let (mut before, mut from) = (0, 0);
+/// direction. Fragments in the order of depth; only those that touch change places. `surface_of`
+/// names the surface of each texel.
+pub fn order_contacts(fragments: &mut [Fragment], contacts: &Contacts, surface_of: &[u32]) {
+    let mut from = 0;
     while from < fragments.len() {
         let to = group_end(fragments, from);
         if to - from > 1 {
-            // The ray is inside a solid before them if what it met last showed it its front, and
-            // inside one behind them if what comes next shows it its back.
-            let entered = fragments[before..from].iter().any(|f| !f.faces_along());
-            let next = group_end(fragments, to);
-            let to_leave = fragments[to..next].iter().any(|f| f.faces_along());
-            order_group(&mut fragments[from..to], entered || to_leave);
+            let surface = |f: &Fragment| SurfaceId(surface_of[f.texel() as usize]);
+            order_group(&mut fragments[from..to], contacts, surface);
         }
-        (before, from) = (from, to);
+        from = to;
     }
 }
 
@@ -43,60 +39,90 @@ fn group_end(fragments: &[Fragment], from: usize) -> usize {
     from + rest.windows(2).position(gap).map_or(rest.len(), |k| k + 1)
 }
 
-/// Orders fragments that touch. Two closed solids that touch (a box on a floor) have their fronts
-/// together; a thin sheet of two polygons, with no solid at either end, has its backs together. Of
-/// coincident surfaces that face the same way the one with the lower number is in front.
-fn order_group(group: &mut [Fragment], solid: bool) {
-    let key = |f: &Fragment| {
-        let number = i64::from(f.texel());
-        (f.faces_along() == solid, if f.faces_along() { -number } else { number })
-    };
-    group.sort_by(|a, b| {
-        let ((a_first, a_number), (b_first, b_number)) = (key(a), key(b));
-        b_first.cmp(&a_first).then(a_number.cmp(&b_number))
-    });
+/// Orders fragments that touch: those of one plane by their place in it. Surfaces that a ray meets
+/// where they cross or share an edge are in no plane together; of these the fronts are seen.
+fn order_group(
+    group: &mut [Fragment],
+    contacts: &Contacts,
+    surface: impl Fn(&Fragment) -> SurfaceId,
+) {
+    let plane = |f: &Fragment| contacts.plane_of(surface(f));
+    let first = plane(&group[0]);
+    if group.iter().all(|f| plane(f) == first) {
+        group.sort_by_key(|f| contacts.place(surface(f), f.faces_along()));
+    } else {
+        group.sort_by_key(|f| (f.faces_along(), contacts.place(surface(f), f.faces_along())));
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::test_scenes::{quad, scene_of, walls};
+    use glam::Vec3;
 
-    /// Orders fragments given as (depth, texel, faces along) and gives their texels back.
+    /// A cube of surfaces 0 to 5 with its front outside and a large floor, 6, on which it stands on
+    /// surface 4; a sheet of 7 and 8; a poster, 9, on the floor. `z` is up.
+    fn contacts() -> (Contacts, Vec<u32>) {
+        let mut surfaces = Vec::new();
+        for mut s in walls() {
+            s.normal = -s.normal;
+            s.polygons[0].vertices.reverse();
+            surfaces.push(s);
+        }
+        let (x, y, low) = (Vec3::X, Vec3::Y, Vec3::splat(-0.5));
+        surfaces.push(quad(0, low, 3.0 * x, 3.0 * y));
+        surfaces.push(quad(0, low + 0.2 * Vec3::Z, x * 0.5, y * 0.5));
+        surfaces.push(quad(0, low + 0.2 * Vec3::Z, y * 0.5, x * 0.5));
+        surfaces.push(quad(0, low, 0.1 * x, 0.1 * y));
+        let scene = scene_of(surfaces, Vec::new());
+        (Contacts::new(&scene), (0..scene.surfaces.len() as u32).collect())
+    }
+
+    /// Orders fragments given as (depth, surface, faces along) and gives their surfaces back.
     fn ordered(list: &[(f32, u32, bool)]) -> Vec<u32> {
+        let (contacts, surface_of) = contacts();
         let mut fragments: Vec<_> = list.iter().map(|f| Fragment::new(f.0, f.1, f.2)).collect();
         fragments.sort();
-        order_contacts(&mut fragments);
+        order_contacts(&mut fragments, &contacts, &surface_of);
         fragments.iter().map(|f| f.texel()).collect()
     }
 
-    #[test]
-    fn a_box_on_a_floor_and_a_sheet_in_the_open() {
-        // From above: box top 1 (front to us), box bottom 2 (back to us) on floor 3 (front to us).
-        assert_eq!(ordered(&[(0.0, 1, false), (0.5, 2, true), (0.5, 3, false)]), [1, 2, 3]);
-        assert_eq!(ordered(&[(0.0, 1, false), (0.5, 3, true), (0.5, 2, false)]), [1, 3, 2]);
-        // From below: floor 3 shows its back, then the bottom 2 its front, then the top 1 its back.
-        assert_eq!(ordered(&[(0.0, 3, true), (0.0, 2, false), (0.5, 1, true)]), [3, 2, 1]);
-        assert_eq!(ordered(&[(0.0, 2, false), (0.0, 3, true), (0.5, 1, true)]), [3, 2, 1]);
-        // Boxes 1 2, 3 4 and 5 6 in a row, from both ends.
-        let row = [
-            (0.0, 1, false),
-            (0.1, 3, false),
-            (0.1, 2, true),
-            (0.2, 4, true),
-            (0.2, 5, false),
-            (0.3, 6, true),
-        ];
-        assert_eq!(ordered(&row), [1, 2, 3, 4, 5, 6]);
-        assert_eq!(ordered(&row.map(|(z, t, along)| (-z, t, !along))), [6, 5, 4, 3, 2, 1]);
-        // A sheet of 5 and 6 in a room: whichever shows its front comes first.
-        let sheet = [(-0.5, 1, true), (0.0, 5, true), (0.0, 6, false), (0.5, 2, false)];
-        assert_eq!(ordered(&sheet), [1, 6, 5, 2]);
+    /// The same from the ray's other end, and that both agree.
+    fn from_both_ends(list: &[(f32, u32, bool)]) -> Vec<u32> {
+        let there = ordered(list);
+        let turned: Vec<_> = list.iter().map(|(z, t, along)| (-z, *t, !along)).collect();
+        let mut back = ordered(&turned);
+        back.reverse();
+        assert_eq!(there, back);
+        there
     }
 
     #[test]
-    fn of_two_coincident_surfaces_the_same_one_is_in_front_from_either_end() {
-        assert_eq!(ordered(&[(0.0, 4, false), (0.0, 9, false)])[0], 4);
-        assert_eq!(ordered(&[(0.0, 4, true), (0.0, 9, true)])[1], 4);
+    fn a_box_on_a_floor_has_its_front_on_the_floors() {
+        // From above: box top 5, box bottom 4 (back to us) on the floor, 6 (front to us).
+        assert_eq!(from_both_ends(&[(0.0, 5, false), (0.5, 4, true), (0.5, 6, false)]), [5, 4, 6]);
+        // A crate without a lid, whose floor is seen from within.
+        assert_eq!(from_both_ends(&[(0.5, 6, false), (0.5, 4, true)]), [4, 6]);
+        // A poster on the floor is under the box, too.
+        let all = [(0.5, 6, false), (0.5, 4, true), (0.5, 9, false)];
+        assert_eq!(from_both_ends(&all), [4, 9, 6]);
+    }
+
+    #[test]
+    fn a_sheet_shows_its_fronts_whatever_stands_around_it() {
+        for before in [true, false] {
+            for behind in [true, false] {
+                let sheet = [(-0.5, 0, before), (0.0, 8, true), (0.0, 7, false), (0.5, 1, behind)];
+                assert_eq!(from_both_ends(&sheet), [0, 7, 8, 1]);
+            }
+        }
+    }
+
+    #[test]
+    fn of_two_coincident_surfaces_the_smaller_is_in_front_from_either_end() {
+        assert_eq!(ordered(&[(0.0, 6, false), (0.0, 9, false)]), [9, 6]);
+        assert_eq!(ordered(&[(0.0, 6, true), (0.0, 9, true)]), [6, 9]);
     }
 
     #[test]

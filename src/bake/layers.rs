@@ -9,10 +9,11 @@ use super::homes::Homes;
 use super::transfer::clip::Projection;
 use super::window::Window;
 use crate::format::limits;
-use crate::ids::{Cell, Sense};
+use crate::ids::{Cell, Sense, SurfaceId};
 use crate::psf::Psf;
-use crate::scene::Scene;
+use crate::scene::contacts::Contacts;
 use crate::scene::texels::Texels;
+use crate::scene::{Scene, Surface};
 use glam::Vec3;
 
 /// Surfaces whose normal is closer to perpendicular to the direction than this are edge-on.
@@ -79,12 +80,16 @@ pub struct Outlines {
     vertices: Vec<Vec3>,
     /// Which texels points of cut texels belong to.
     pub homes: Homes,
+    /// Which surfaces lie in one plane, and which of them is in front.
+    pub contacts: Contacts,
 }
 
 /// Where a surface lies and how its texels lie on it.
 struct Plane {
     normal: Vec3,
     distance: f32,
+    /// Normal and distance by which depths are found, if another surface's plane is its own too.
+    shared: Option<(Vec3, f32)>,
     origin: Vec3,
     /// `u` and `v` in texels per unit length.
     texel_u: Vec3,
@@ -107,8 +112,13 @@ impl Outlines {
             polygons: Vec::new(),
             vertices: Vec::new(),
             homes: Homes::new(scene, texels),
+            contacts: Contacts::new(scene),
         };
-        for (surface, lattice) in scene.surfaces.iter().zip(&texels.lattices) {
+        let distance = |s: &Surface| s.normal.dot(s.origin);
+        for (id, lattice) in scene.surface_ids().zip(&texels.lattices) {
+            let surface = scene.surface(id);
+            let plane: SurfaceId = out.contacts.plane_of(id);
+            let shared = (plane != id).then(|| scene.surface(plane));
             let from = out.polygons.len() as u32;
             for polygon in &surface.polygons {
                 let first = out.vertices.len() as u32;
@@ -117,7 +127,8 @@ impl Outlines {
             }
             out.surfaces.push(Plane {
                 normal: surface.normal,
-                distance: surface.normal.dot(surface.origin),
+                distance: distance(surface),
+                shared: shared.map(|s| (s.normal, distance(s))),
                 origin: surface.origin,
                 texel_u: surface.u * lattice.density.x,
                 texel_v: surface.v * lattice.density.y,
@@ -177,36 +188,51 @@ struct Gradients {
 
 impl Gradients {
     fn new(plane: &Plane, psf: &Psf) -> Option<Gradients> {
-        let cosine = plane.normal.dot(psf.direction);
-        if cosine.abs() < EDGE_ON {
-            return None;
-        }
-        // On the plane: n . (right X + up Y + direction Z) = distance, with X, Y affine in the cell.
         let edge = psf.cell_edge();
-        let (x0, y0) = (-psf.shift.x * edge - 1.0, -psf.shift.y * edge - 1.0);
-        let zx = -plane.normal.dot(psf.right) / cosine;
-        let zy = -plane.normal.dot(psf.up) / cosine;
-        let z0 = plane.distance / cosine + zx * x0 + zy * y0;
-        let depth = Affine { at_origin: z0, per_column: zx * edge, per_row: zy * edge };
-        let origin = psf.right * x0 + psf.up * y0 + psf.direction * z0 - plane.origin;
-        let along_column = psf.right * edge + psf.direction * depth.per_column;
-        let along_row = psf.up * edge + psf.direction * depth.per_row;
+        let (x0, y0) = origin_of(psf);
+        let own = depth(plane.normal, plane.distance, psf)?;
+        let origin = psf.right * x0 + psf.up * y0 + psf.direction * own.at_origin - plane.origin;
+        let along_column = psf.right * edge + psf.direction * own.per_column;
+        let along_row = psf.up * edge + psf.direction * own.per_row;
         let texel = |axis: Vec3| Affine {
             at_origin: origin.dot(axis),
             per_column: along_column.dot(axis),
             per_row: along_row.dot(axis),
         };
         Some(Gradients {
-            depth,
+            depth: match plane.shared {
+                Some((normal, distance)) => depth(normal, distance, psf)?,
+                None => own,
+            },
             column: texel(plane.texel_u),
             row: texel(plane.texel_v),
             last_column: (plane.width - 1) as f32,
             last_row: (plane.height - 1) as f32,
             first: plane.first,
             width: plane.width,
-            faces_along: cosine > 0.0,
+            faces_along: plane.normal.dot(psf.direction) > 0.0,
         })
     }
+}
+
+/// Where the first cell's corner lies along `right` and `up`.
+fn origin_of(psf: &Psf) -> (f32, f32) {
+    let edge = psf.cell_edge();
+    (-psf.shift.x * edge - 1.0, -psf.shift.y * edge - 1.0)
+}
+
+/// How the depth of a plane varies; `None` if it is edge-on. On the plane `n . (right X + up Y +
+/// direction Z) = distance`, with X, Y affine in the cell.
+fn depth(normal: Vec3, distance: f32, psf: &Psf) -> Option<Affine> {
+    let cosine = normal.dot(psf.direction);
+    if cosine.abs() < EDGE_ON {
+        return None;
+    }
+    let (edge, (x0, y0)) = (psf.cell_edge(), origin_of(psf));
+    let zx = -normal.dot(psf.right) / cosine;
+    let zy = -normal.dot(psf.up) / cosine;
+    let z0 = distance / cosine + zx * x0 + zy * y0;
+    Some(Affine { at_origin: z0, per_column: zx * edge, per_row: zy * edge })
 }
 
 impl Affine {

@@ -34,10 +34,11 @@ fn pairs(
     let resolution = shared.parameters.resolution;
     let psf = Psf::new(shared.directions.vector(id), resolution);
     layers.rasterise(shared.outlines, &psf);
+    let (contacts, surface_of) = (&shared.outlines.contacts, &shared.texels.surface_of);
     for j in 0..resolution {
         for i in 0..resolution {
             let fragments = layers.cell(i, j);
-            exchange::order_contacts(fragments);
+            exchange::order_contacts(fragments, contacts, surface_of);
             for pair in fragments.windows(2) {
                 if exchange::see_each_other(pair[0], pair[1]) {
                     visit(pair[0].value_along(), pair[1].value_against());

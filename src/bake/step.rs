@@ -305,7 +305,8 @@ impl Line<'_> {
     ) {
         let diffuse = self.shared.texels.diffuse;
         let fragments = scratch.layers.slot(slot);
-        exchange::order_contacts(fragments);
+        let Shared { outlines, texels, .. } = *self.shared;
+        exchange::order_contacts(fragments, &outlines.contacts, &texels.surface_of);
         self.bring_home(cell, fragments);
         let (outside, sealed) = (self.cycle.outside(), self.cycle.sealed);
         let is_diffuse = |f: &Fragment| f.texel() < diffuse;

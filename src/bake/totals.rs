@@ -56,13 +56,14 @@ pub fn total_map(
     scratch.fragments += scratch.layers.len() as u64;
     let mut writer = TileMapWriter::new(resolution, m, shared.exponent);
     let n = resolution / m;
+    let (contacts, surface_of) = (&shared.outlines.contacts, &shared.texels.surface_of);
     for tile in 0..n * n {
         scratch.tile.clear();
         for inside in 0..m * m {
             let cell = Cell { i: tile % n * m + inside % m, j: tile / n * m + inside / m };
             let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
             let fragments = scratch.layers.cell(cell.i, cell.j);
-            exchange::order_contacts(fragments);
+            exchange::order_contacts(fragments, contacts, surface_of);
             let hit = |fragment: Fragment, facing: Sense, distance: f32| {
                 let surface = SurfaceId(shared.texels.surface_of[fragment.texel() as usize]);
                 let front = fragment.faces_along() == (facing == Sense::Along);

@@ -52,6 +52,8 @@ pub mod texels;
 
 pub mod areas;
 
+pub mod contacts;
+
 pub mod stored;
 
 /// A resolved scene, fitted to the unit ball about the origin.

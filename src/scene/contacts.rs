@@ -1,0 +1,183 @@
+//! Which surfaces lie in one plane, and which of them is in front: the same for the bake and the eye.
+//!
+//! In: the scene. Out: for each surface the plane by which its depth along a ray is found, and its place
+//! among surfaces that touch there. Planes closer than [`CONTACT`] are taken for one, that of the largest
+//! surface in it, so that neither the angle of a ray nor rounding decides who hides whom.
+
+use super::{Scene, Surface};
+use crate::ids::SurfaceId;
+use glam::Vec3;
+use std::collections::HashMap;
+
+/// Surfaces closer than this touch: no light passes between them. In the fitted scene's units.
+pub const CONTACT: f32 = 1e-5;
+
+/// Edge of the cells in which planes are looked up, for unit normals and for distances from the origin.
+const CELL: f32 = 4e-3;
+
+/// How far the normals of touching surfaces, and with them their planes' distances, may be apart.
+const TILT: f32 = 1e-3;
+
+/// The planes of a scene and who is in front in each.
+#[derive(Clone, Debug, Default)]
+pub struct Contacts {
+    /// For each surface the one whose plane it lies in: itself, or a larger one.
+    planes: Vec<u32>,
+    /// Position among all surfaces, the smallest first; of equally large ones the later first.
+    ranks: Vec<u32>,
+    /// Whether a surface's own polygons' neighbours go on behind it, as those of a box's face do.
+    solid: Vec<bool>,
+}
+
+impl Contacts {
+    /// Near-linear in the number of polygons.
+    pub fn new(scene: &Scene) -> Contacts {
+        let areas: Vec<f32> = scene.surfaces.iter().map(Surface::area).collect();
+        let mut order: Vec<u32> = (0..areas.len() as u32).collect();
+        let area = |s: u32| areas[s as usize];
+        order.sort_by(|a, b| area(*a).total_cmp(&area(*b)).then(b.cmp(a)));
+        let mut ranks = vec![0; areas.len()];
+        order.iter().zip(0..).for_each(|(surface, rank)| ranks[*surface as usize] = rank);
+        Contacts { planes: planes(scene, &order), ranks, solid: solid(scene) }
+    }
+
+    /// The surface in whose plane another lies: itself, if no larger one touches it.
+    pub fn plane_of(&self, surface: SurfaceId) -> SurfaceId {
+        SurfaceId(self.planes[surface.index()])
+    }
+
+    /// The place of a surface among those that touch along a ray, the least first; `along` says whether
+    /// its normal points along the ray. Of faces of solids (a box on a floor) the fronts are together, and
+    /// other sheets lie with their backs together; of those that face the same way the smaller is in
+    /// front, as a poster is on its wall. From the ray's other end the order is the reverse.
+    pub fn place(&self, surface: SurfaceId, along: bool) -> (u8, u32) {
+        let (rank, solid) = (self.ranks[surface.index()], self.solid[surface.index()]);
+        match (along, solid) {
+            (true, true) => (0, u32::MAX - rank),
+            (false, false) => (1, rank),
+            (true, false) => (2, u32::MAX - rank),
+            (false, true) => (3, rank),
+        }
+    }
+}
+
+/// For each surface the largest one in whose plane all its corners lie; `order` is by growing area.
+fn planes(scene: &Scene, order: &[u32]) -> Vec<u32> {
+    let mut cells: HashMap<[i32; 4], Vec<u32>> = HashMap::new();
+    let mut planes: Vec<u32> = (0..order.len() as u32).collect();
+    for &number in order.iter().rev() {
+        let surface = &scene.surfaces[number as usize];
+        let at = surface.normal.extend(surface.normal.dot(surface.origin)).to_array();
+        let mut keys = [at, at.map(|v| -v)].into_iter().flat_map(cells_about);
+        let lies_in = |other: &&u32| {
+            let Surface { normal, origin, .. } = &scene.surfaces[**other as usize];
+            let near = |v: &Vec3| (*v - *origin).dot(*normal).abs() <= CONTACT;
+            normal.cross(surface.normal).length_squared() <= TILT * TILT
+                && surface.polygons.iter().flat_map(|p| &p.vertices).all(near)
+        };
+        let found = keys.find_map(|key| cells.get(&key)?.iter().find(lies_in).copied());
+        match found {
+            Some(other) => planes[number as usize] = other,
+            None => cells.entry(at.map(cell)).or_default().push(number),
+        }
+    }
+    planes
+}
+
+fn cell(coordinate: f32) -> i32 {
+    (coordinate / CELL).floor() as i32
+}
+
+/// The cells within [`TILT`] of a place; a cell may come twice.
+fn cells_about(at: [f32; 4]) -> impl Iterator<Item = [i32; 4]> {
+    let low = at.map(|v| cell(v - 1.5 * TILT));
+    let high = at.map(|v| cell(v + 1.5 * TILT));
+    let choose =
+        move |k: usize| [0, 1, 2, 3].map(|c| if k >> c & 1 == 0 { low[c] } else { high[c] });
+    let differs = move |k: &usize| (0..4).all(|c| k >> c & 1 == 0 || low[c] != high[c]);
+    (0..16).filter(differs).map(choose)
+}
+
+/// Whether of the polygons that share a surface's edges, and are wound as of one skin with it, more go on
+/// behind it than before it. Says nothing of what stands around that skin.
+fn solid(scene: &Scene) -> Vec<bool> {
+    let key = |v: Vec3| (v + Vec3::ZERO).to_array().map(f32::to_bits);
+    let edges = |s: &Surface| -> Vec<[Vec3; 2]> {
+        let of = |vertices: &Vec<Vec3>| {
+            let next = vertices.iter().cycle().skip(1);
+            vertices.iter().zip(next).map(|(a, b)| [*a, *b]).collect::<Vec<_>>()
+        };
+        s.polygons.iter().flat_map(|p| of(&p.vertices)).collect()
+    };
+    // For each edge, where the polygons to its left go from it: into the surface, along its plane.
+    let mut inward: HashMap<[[u32; 3]; 2], Vec<Vec3>> = HashMap::new();
+    for surface in &scene.surfaces {
+        for [a, b] in edges(surface) {
+            let into = surface.normal.cross(b - a).normalize_or_zero();
+            inward.entry([key(a), key(b)]).or_default().push(into);
+        }
+    }
+    let is_solid = |surface: &Surface| {
+        let neighbours = edges(surface)
+            .into_iter()
+            .flat_map(|[a, b]| inward.get(&[key(b), key(a)]).into_iter().flatten().copied());
+        let heights: Vec<f32> = neighbours.map(|into| into.dot(surface.normal)).collect();
+        let count = |side: f32| heights.iter().filter(|h| *h * side > TILT).count();
+        count(-1.0) > count(1.0)
+    };
+    scene.surfaces.iter().map(is_solid).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::test_scenes::{quad, room, scene_of};
+
+    /// The quads in the plane z = 0 are numbered from 0, the ones of a room follow.
+    fn with_room(sheets: Vec<Surface>) -> Contacts {
+        let mut scene = scene_of(sheets, Vec::new());
+        scene.surfaces.extend(room().surfaces);
+        Contacts::new(&scene)
+    }
+
+    fn sheet(height: f32, edge: f32, up: bool) -> Surface {
+        let (a, b) = if up { (Vec3::X, Vec3::Y) } else { (Vec3::Y, Vec3::X) };
+        quad(0, Vec3::new(-0.5 * edge, -0.5 * edge, height), a * edge, b * edge)
+    }
+
+    #[test]
+    fn the_smaller_of_two_sheets_is_in_front_from_either_end_and_of_equal_ones_the_later() {
+        for (first, later) in [(0.4, 0.2), (0.2, 0.2)] {
+            let contacts = with_room(vec![sheet(0.0, first, true), sheet(9e-6, later, true)]);
+            let place = |k, along| contacts.place(SurfaceId(k), along);
+            assert!(place(1, false) < place(0, false) && place(0, true) < place(1, true));
+            assert_eq!(contacts.plane_of(SurfaceId(1)), contacts.plane_of(SurfaceId(0)));
+        }
+    }
+
+    #[test]
+    fn only_what_touches_shares_a_plane() {
+        let planes = |gap: f32, up| {
+            let contacts = with_room(vec![sheet(0.1, 0.4, true), sheet(0.1 + gap, 0.2, up)]);
+            contacts.plane_of(SurfaceId(1))
+        };
+        assert_eq!((planes(5e-6, true), planes(-5e-6, false)), (SurfaceId(0), SurfaceId(0)));
+        assert_eq!((planes(2e-5, true), planes(-2e-5, false)), (SurfaceId(1), SurfaceId(1)));
+    }
+
+    #[test]
+    fn a_box_is_solid_and_the_room_about_it_is_not() {
+        let mut surfaces = room().surfaces;
+        for mut s in room().surfaces {
+            s.normal = -s.normal;
+            s.polygons[0].vertices.iter_mut().for_each(|v| *v *= 0.5);
+            s.polygons[0].vertices.reverse();
+            surfaces.push(s);
+        }
+        let contacts = Contacts::new(&scene_of(surfaces, Vec::new()));
+        assert_eq!(contacts.solid, [[false; 6], [true; 6]].concat());
+        // Two sheets back to back share all edges, but none goes on behind the other.
+        let sheet = with_room(vec![sheet(0.0, 0.4, true), sheet(0.0, 0.4, false)]);
+        assert_eq!(sheet.solid[..2], [false; 2]);
+    }
+}
