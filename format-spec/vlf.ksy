@@ -277,12 +277,6 @@ types:
         valid:
           min: 'specular == specular::trace ? 1 : 0'
           max: 1
-      - id: split
-        type: u4
-        valid:
-          min: 1
-          max: 16
-        doc: Rays along an edge of a cell that a surface's border runs through.
       - id: scene_hash
         size: 16
         doc: xxh3-128 of the scene chunk when decoded.

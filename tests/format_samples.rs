@@ -293,7 +293,6 @@ fn parameters() -> Parameters {
         transfer: Transfer::Sample,
         specular: Specular::Maps,
         resample: false,
-        split: 1,
     }
 }
 
@@ -713,7 +712,7 @@ fn the_record_is_as_specified() {
         assert_eq!(r.u32(), p.perturbations[0]);
         assert_eq!((r.f64(), r.u32(), r.u8()), (p.texel_cells, p.filter, 0));
         assert_eq!((r.u32(), r.u32()), (p.transfer as u32, p.specular as u32));
-        assert_eq!((r.u8(), r.u32()), (0, p.split));
+        assert_eq!(r.u8(), 0);
         assert_eq!(r.take(16), manifest.scene_hash);
         assert_eq!(r.u32(), manifest.phase as u32);
         assert_eq!(r.u32(), manifest.cycle);

@@ -336,9 +336,6 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
             "--resample off: with --specular trace nothing is stored to take maps from".into()
         );
     }
-    if !(1..=limits::SPLIT).contains(&p.split) {
-        return bad(format!("--split {}: 1 to {}", p.split, limits::SPLIT));
-    }
     if p.filter > 64 {
         return bad(format!("--filter {}: 0 to 64", p.filter));
     }

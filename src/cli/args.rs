@@ -146,9 +146,6 @@ pub struct Baking {
     /// `--specular maps`, leaves them as they were propagated
     #[arg(long, value_enum, default_value = "on")]
     pub resample: Switch,
-    /// Rays along an edge of each cell that a surface's border runs through
-    #[arg(long, default_value_t = 1)]
-    pub split: u32,
     /// Edge of a texel of the diffuse texture maps, in cells
     #[arg(long, default_value_t = 1.0)]
     pub texel: f64,

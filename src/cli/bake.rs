@@ -85,7 +85,6 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         transfer: a.transfer.into(),
         specular: a.specular.into(),
         resample: a.resample.is_on(),
-        split: a.split,
     }
 }
 

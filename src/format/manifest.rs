@@ -40,8 +40,6 @@ pub struct Parameters {
     pub specular: Specular,
     /// Whether mirrors' total maps are found along true paths after the last cycle.
     pub resample: bool,
-    /// Rays along an edge of a cell that a surface's border runs through; 1: as in any other.
-    pub split: u32,
 }
 
 /// How light goes from texels to cells and from cells to texels.
@@ -78,7 +76,6 @@ impl Default for Parameters {
             transfer: Transfer::Sample,
             specular: Specular::Trace,
             resample: true,
-            split: 1,
         }
     }
 }
@@ -326,7 +323,7 @@ impl Manifest {
         if !same || self.done.len() != (p.directions as usize).div_ceil(8) {
             return Err(Fault::invalid("its parameters are not those of its first block"));
         }
-        let counts = p.filter <= 64 && (1..=limits::SPLIT).contains(&p.split);
+        let counts = p.filter <= 64;
         if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() || !counts {
             return Err(Fault::invalid("its parameters are out of range"));
         }

@@ -149,8 +149,6 @@ pub mod limits {
     pub const RESOLUTION: u32 = 1 << 13;
     /// Cells along the edge of a tile.
     pub const TILE: u32 = 256;
-    /// Rays along an edge of a split cell.
-    pub const SPLIT: u32 = 16;
     /// Surfaces of a scene.
     pub const SURFACES: u32 = 1 << 24;
     /// Texels of a scene.
