@@ -13,7 +13,6 @@ use tempfile::TempDir;
 use vlf::bake::Options;
 use vlf::field::Terms;
 use vlf::format::container::Codec;
-use vlf::format::manifest::Specular;
 use vlf::pack::pack;
 use vlf::plan::{Plan, plan};
 use vlf::{Parameters, Scene};

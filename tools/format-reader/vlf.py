@@ -478,24 +478,19 @@ class Vlf(KaitaiStruct):
                 raise kaitaistruct.ValidationLessThanError((1 if self.specular == Vlf.Specular.trace else 0), self.resample, self._io, u"/types/record/seq/14")
             if not self.resample <= 1:
                 raise kaitaistruct.ValidationGreaterThanError(1, self.resample, self._io, u"/types/record/seq/14")
-            self.split = self._io.read_u4le()
-            if not self.split >= 1:
-                raise kaitaistruct.ValidationLessThanError(1, self.split, self._io, u"/types/record/seq/15")
-            if not self.split <= 16:
-                raise kaitaistruct.ValidationGreaterThanError(16, self.split, self._io, u"/types/record/seq/15")
             self.scene_hash = self._io.read_bytes(16)
             self.phase = KaitaiStream.resolve_enum(Vlf.Phase, self._io.read_u4le())
             if not isinstance(self.phase, Vlf.Phase):
-                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/17")
+                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/16")
             self.cycle = self._io.read_u4le()
             self.len_done = self._io.read_u8le()
             if not self.len_done == (self.num_directions + 7) // 8:
-                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/19")
+                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/18")
             self.done = self._io.read_bytes(self.len_done)
             self.sequence = self._io.read_u8le()
             self.has_sums = self._io.read_u1()
             if not self.has_sums <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/22")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/21")
             self.num_ledgers = self._io.read_u8le()
             self.ledgers = []
             for i in range(self.num_ledgers):
@@ -516,7 +511,7 @@ class Vlf(KaitaiStruct):
             self.wait = self._io.read_f8le()
             self.has_sync = self._io.read_u1()
             if not self.has_sync <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/38")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/37")
             if self.has_sync == 1:
                 pass
                 self.sync = self._io.read_f8le()
@@ -525,7 +520,7 @@ class Vlf(KaitaiStruct):
             self.end = self._io.read_bytes(0)
             _ = self.end
             if not self._io.is_eof():
-                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/41")
+                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/40")
 
 
         def _fetch_instances(self):
