@@ -4,9 +4,10 @@
 //! among surfaces that touch there. Planes closer than [`CONTACT`] are taken for one, that of the largest
 //! surface in it, so that neither the angle of a ray nor rounding decides who hides whom.
 
-use super::{Scene, Surface};
+use super::{Polygon, Scene, Surface};
 use crate::ids::SurfaceId;
 use glam::Vec3;
+use std::cmp::Reverse;
 use std::collections::HashMap;
 
 /// Surfaces closer than this touch: no light passes between them. In the fitted scene's units.
@@ -34,8 +35,7 @@ impl Contacts {
     pub fn new(scene: &Scene) -> Contacts {
         let areas: Vec<f32> = scene.surfaces.iter().map(Surface::area).collect();
         let mut order: Vec<u32> = (0..areas.len() as u32).collect();
-        let area = |s: u32| areas[s as usize];
-        order.sort_by(|a, b| area(*a).total_cmp(&area(*b)).then(b.cmp(a)));
+        order.sort_by_key(|s| (size(areas[*s as usize]), Reverse(*s)));
         let mut ranks = vec![0; areas.len()];
         order.iter().zip(0..).for_each(|(surface, rank)| ranks[*surface as usize] = rank);
         Contacts { planes: planes(scene, &order), ranks, solid: solid(scene) }
@@ -59,6 +59,11 @@ impl Contacts {
             (false, true) => (3, rank),
         }
     }
+}
+
+/// An area as a whole number that grows with it, the same for areas that differ by rounding.
+fn size(area: f32) -> i64 {
+    (1024.0 * area.ln()).round() as i64
 }
 
 /// For each surface the largest one in whose plane all its corners lie; `order` is by growing area.
@@ -98,34 +103,52 @@ fn cells_about(at: [f32; 4]) -> impl Iterator<Item = [i32; 4]> {
     (0..16).filter(differs).map(choose)
 }
 
-/// Whether of the polygons that share a surface's edges, and are wound as of one skin with it, more go on
-/// behind it than before it. Says nothing of what stands around that skin.
-fn solid(scene: &Scene) -> Vec<bool> {
-    let key = |v: Vec3| (v + Vec3::ZERO).to_array().map(f32::to_bits);
-    let edges = |s: &Surface| -> Vec<[Vec3; 2]> {
-        let of = |vertices: &Vec<Vec3>| {
-            let next = vertices.iter().cycle().skip(1);
-            vertices.iter().zip(next).map(|(a, b)| [*a, *b]).collect::<Vec<_>>()
-        };
-        s.polygons.iter().flat_map(|p| of(&p.vertices)).collect()
-    };
-    // For each edge, where the polygons to its left go from it: into the surface, along its plane.
-    let mut inward: HashMap<[[u32; 3]; 2], Vec<Vec3>> = HashMap::new();
-    for surface in &scene.surfaces {
-        for [a, b] in edges(surface) {
-            let into = surface.normal.cross(b - a).normalize_or_zero();
-            inward.entry([key(a), key(b)]).or_default().push(into);
+/// A polygon's edge, with the direction in which the polygon goes from it.
+struct Edge {
+    surface: usize,
+    ends: [[u32; 3]; 2],
+    inward: Vec3,
+}
+
+fn edges(scene: &Scene) -> Vec<Edge> {
+    let bits = |v: Vec3| (v + Vec3::ZERO).to_array().map(f32::to_bits);
+    let mut edges = Vec::new();
+    for (surface, s) in scene.surfaces.iter().enumerate() {
+        for Polygon { vertices } in &s.polygons {
+            for (a, b) in vertices.iter().zip(vertices.iter().cycle().skip(1)) {
+                let inward = s.normal.cross(*b - *a).normalize_or_zero();
+                edges.push(Edge { surface, ends: [bits(*a), bits(*b)], inward });
+            }
         }
     }
-    let is_solid = |surface: &Surface| {
-        let neighbours = edges(surface)
-            .into_iter()
-            .flat_map(|[a, b]| inward.get(&[key(b), key(a)]).into_iter().flatten().copied());
-        let heights: Vec<f32> = neighbours.map(|into| into.dot(surface.normal)).collect();
-        let count = |side: f32| heights.iter().filter(|h| *h * side > TILT).count();
-        count(-1.0) > count(1.0)
-    };
-    scene.surfaces.iter().map(is_solid).collect()
+    edges
+}
+
+/// Whether of the polygons that share a surface's edges, and are wound as of one skin with it, more go on
+/// behind it than before it, as with a box's faces. Says nothing of what stands around that skin. Not so
+/// the outer skin of walls without thickness: the face at its back is of a skin that closes before it.
+fn solid(scene: &Scene) -> Vec<bool> {
+    let edges = edges(scene);
+    let mut along: HashMap<[[u32; 3]; 2], Vec<&Edge>> = HashMap::new();
+    edges.iter().for_each(|e| along.entry(e.ends).or_default().push(e));
+    let mut behind = vec![0; scene.surfaces.len()];
+    let mut backs = Vec::new();
+    for edge in &edges {
+        let normal = scene.surfaces[edge.surface].normal;
+        for next in along.get(&[edge.ends[1], edge.ends[0]]).into_iter().flatten() {
+            let height = next.inward.dot(normal);
+            if height.abs() > TILT {
+                behind[edge.surface] += if height < 0.0 { 1 } else { -1 };
+            } else if next.inward.dot(edge.inward) > 0.0 {
+                backs.push((edge.surface, next.surface));
+            }
+        }
+    }
+    let mut solid: Vec<bool> = behind.iter().map(|n: &i32| *n > 0).collect();
+    for (surface, back) in backs {
+        solid[surface] &= behind[back] >= 0;
+    }
+    solid
 }
 
 #[cfg(test)]
@@ -176,6 +199,14 @@ mod tests {
         }
         let contacts = Contacts::new(&scene_of(surfaces, Vec::new()));
         assert_eq!(contacts.solid, [[false; 6], [true; 6]].concat());
+        // The same walls drawn from both sides are no solid.
+        let mut both = scene_of(room().surfaces, Vec::new());
+        for mut s in room().surfaces {
+            s.normal = -s.normal;
+            s.polygons[0].vertices.reverse();
+            both.surfaces.push(s);
+        }
+        assert_eq!(Contacts::new(&both).solid, [false; 12]);
         // Two sheets back to back share all edges, but none goes on behind the other.
         let sheet = with_room(vec![sheet(0.0, 0.4, true), sheet(0.0, 0.4, false)]);
         assert_eq!(sheet.solid[..2], [false; 2]);
