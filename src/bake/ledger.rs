@@ -224,11 +224,11 @@ mod tests {
     fn tally() -> Tally {
         Tally {
             shot_diffuse: 1 << 100,
-            shot_mirror: -7,
+            shot_mirror: 7,
             left: 19,
             to_mirror: i128::MAX / 4,
             mirrored: 5,
-            mirrored_true: -(1 << 90),
+            mirrored_true: 1 << 90,
             stored: 3,
             fragments: 11,
             gathers: 13,
@@ -246,7 +246,7 @@ mod tests {
         assert!(Tally::read(&mut Reader::new(&w.0[1..])).is_err());
         let mut sum = tally();
         sum.add(&tally());
-        assert_eq!((sum.shot_diffuse, sum.mirrored_true), (1 << 101, -(1 << 91)));
+        assert_eq!((sum.shot_diffuse, sum.mirrored_true), (1 << 101, 1 << 91));
         assert_eq!((sum.fragments, sum.gathers, sum.holes), (22, 26, 34));
     }
 
