@@ -347,7 +347,7 @@ types:
         doc: The record ends with the chunk.
     instances:
       len_identity:
-        value: 75 + 4 * has_cycles + 4 * num_perturbations
+        value: 71 + 4 * has_cycles + 4 * num_perturbations
       identity_bytes:
         pos: 0
         size: len_identity

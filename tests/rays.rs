@@ -23,12 +23,13 @@ const BEHIND: Side = (u32::MAX, true);
 fn exchange(scene: &Scene, psf: &Psf) -> Vec<BTreeMap<Side, Side>> {
     let texels = vlf::bake::texels(scene, &parameters(9, psf.resolution, 1));
     let mut layers = Layers::default();
-    layers.rasterise(&Outlines::new(scene, &texels), psf);
+    let outlines = Outlines::new(scene, &texels);
+    layers.rasterise(&outlines, psf);
     let n = psf.resolution;
     let mut rays = Vec::new();
     for cell in 0..n * n {
         let fragments = layers.cell(cell % n, cell / n);
-        order_contacts(fragments);
+        order_contacts(fragments, &outlines.contacts, &texels.surface_of);
         let mut sees = BTreeMap::new();
         let mut pair = |a: Side, b: Side| {
             sees.insert(a, b);

@@ -589,7 +589,7 @@ class Vlf(KaitaiStruct):
             if hasattr(self, '_m_len_identity'):
                 return self._m_len_identity
 
-            self._m_len_identity = (75 + 4 * self.has_cycles) + 4 * self.num_perturbations
+            self._m_len_identity = (71 + 4 * self.has_cycles) + 4 * self.num_perturbations
             return getattr(self, '_m_len_identity', None)
 
 
