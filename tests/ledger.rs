@@ -52,11 +52,13 @@ fn the_ledger_closes_in_every_scene_and_cycle() {
 }
 
 /// Emitted power is `pi Le A`; over a whole bake it is what was absorbed, left, was lost by name and is
-/// still there.
+/// still there. What is lost by name is the noise of sampling: with 129 lines, 513 and 2049 it was 1.4 %,
+/// 0.4 % and -0.1 % of the lamp. Traced, mirrors send on in a cycle what comes to them in it.
 #[test]
 fn a_corridor_of_mirrors_accounts_for_its_lamp() {
-    let parameters = Parameters { cycles: None, ..parameters(129, 64, 1) };
-    let baked = Baked::new(&scene("mirror_corridor"), &parameters);
+    let parameters = Parameters { cycles: None, ..parameters(513, 64, 1) };
+    let scene = scene("mirror_corridor");
+    let baked = Baked::new(&scene, &parameters);
     let ledger = baked.manifest().ledger;
     // A lamp of 0.8 x 0.8 with Le = 10.
     let lamp = std::f64::consts::PI * 10.0 * 0.64;
@@ -71,8 +73,9 @@ fn a_corridor_of_mirrors_accounts_for_its_lamp() {
     assert!(missing.abs() < 1e-3, "{missing:.1e} of the lamp's power is missing");
     assert!(left < 1e-6 * lamp, "{left} W left a closed corridor");
     assert!(named.abs() < 0.01 * lamp, "{named} W lost in holes and sampling");
-    // Two mirrors of Ks = 0.9 face each other: they must have had their share.
-    let mirrors = sum(|l| l.unshot_mirror);
+    // Two mirrors of Ks = 0.9 face each other: they must have had their share, which only maps show.
+    let ledger = Baked::new(&scene, &common::stored(parameters)).manifest().ledger;
+    let mirrors: f64 = ledger.iter().map(|l| l.unshot_mirror).sum();
     assert!(mirrors > 0.2 * lamp, "mirrors sent on only {mirrors} of {lamp} W");
 }
 
