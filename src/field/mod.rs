@@ -398,6 +398,7 @@ mod tests {
     use super::storage::memory::Memory;
     use super::*;
     use crate::format::container::ChunkKind;
+    use crate::format::manifest::Specular;
     use crate::format::tiles::exponent_for;
     use crate::radiance::Rgb;
     use std::io::Write;
