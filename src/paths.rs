@@ -18,7 +18,7 @@ pub const MAX_DEPTH: u32 = 64;
 const LEAST_THROUGHPUT: f32 = 1e-4;
 
 /// Height above a mirror at which the reflected ray starts, in the fitted scene's units.
-const LIFT: f32 = 1e-5;
+pub const LIFT: f32 = 1e-5;
 
 /// What paths go through.
 #[derive(Clone, Copy)]

@@ -13,7 +13,7 @@ use crate::field::pages::Page;
 use crate::format::manifest::Parameters;
 use crate::format::tiles::{CoveredCell, TileMapWriter};
 use crate::ids::{Cell, DirectionId, Sense, Side, SurfaceId};
-use crate::paths::Paths;
+use crate::paths::{LIFT, Paths};
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::texels;
@@ -64,11 +64,11 @@ pub fn total_map(
             let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
             let fragments = scratch.layers.cell(cell.i, cell.j);
             exchange::order_contacts(fragments, contacts, surface_of);
-            let hit = |fragment: Fragment, facing: Sense, distance: f32| {
+            let hit = |fragment: Fragment, facing: Sense| {
                 let surface = SurfaceId(shared.texels.surface_of[fragment.texel() as usize]);
                 let front = fragment.faces_along() == (facing == Sense::Along);
                 let side = if front { Side::Front } else { Side::Back };
-                Hit { surface, point: psf.unproject(x, y, fragment.depth()), distance, side }
+                Hit { surface, point: psf.unproject(x, y, fragment.depth()), distance: 0.0, side }
             };
             let diffuse = |at: &Hit| {
                 if !lit[at.surface.index()][at.side.index()] {
@@ -77,31 +77,22 @@ pub fn total_map(
                 let surface = shared.scene.surface(at.surface);
                 texels::sample(shared.texels, total, at.surface, surface, at.side, at.point)
             };
-            for (k, fragment) in fragments.iter().enumerate() {
+            for fragment in fragments.iter() {
                 let id = SurfaceId(shared.texels.surface_of[fragment.texel() as usize]);
                 let is_mirror = fragment.texel() >= shared.texels.diffuse;
                 let radiance = [Sense::Along, Sense::Against].map(|sense| match mirrors {
-                    _ if !is_mirror => diffuse(&hit(*fragment, sense, 0.0)),
+                    _ if !is_mirror => diffuse(&hit(*fragment, sense)),
                     Mirrors::None => Rgb::BLACK,
                     Mirrors::Stored(page) => {
                         let entry = page.map().entry(cell, id);
                         entry.and_then(|e| e.radiance(cell, sense)).unwrap_or_default()
                     }
-                    // What the neighbour on the line sends.
                     Mirrors::Traced(paths) => {
-                        let (other, facing) = match sense {
-                            Sense::Along => (fragments.get(k + 1), Sense::Against),
-                            Sense::Against => {
-                                (k.checked_sub(1).map(|b| &fragments[b]), Sense::Along)
-                            }
-                        };
-                        let gap = |o: &Fragment| (o.depth() - fragment.depth()).abs();
-                        let apart = other.filter(|o| gap(o) > exchange::CONTACT);
-                        apart.map_or(Rgb::BLACK, |o| {
-                            let (hit, away) =
-                                (hit(*o, facing, gap(o)), psf.direction * sense.sign());
-                            paths.radiance(away, &hit, true, diffuse)
-                        })
+                        let away = psf.direction * sense.sign();
+                        let (at, normal) = (hit(*fragment, sense), shared.scene.surface(id).normal);
+                        let above = at.point + normal * (LIFT * at.side.sign());
+                        let seen = paths.visible.nearest_but(above, away, 0.0, Some(id));
+                        seen.map_or(Rgb::BLACK, |seen| paths.radiance(away, &seen, true, diffuse))
                     }
                 });
                 scratch.tile.push(CoveredCell { surface: id, cell: inside, radiance });
