@@ -63,6 +63,13 @@ struct Lain<'a> {
     cuts: &'a Cuts,
 }
 
+impl Lain<'_> {
+    /// Whether no cut parts two texels.
+    fn are_joined(&self, a: usize, b: usize) -> bool {
+        self.cuts.are_joined(self.lattice, a as u32, b as u32)
+    }
+}
+
 fn texel_range(lattice: &Lattice) -> std::ops::Range<usize> {
     let first = lattice.first as usize;
     first..first + lattice.width as usize * lattice.height as usize
@@ -168,7 +175,7 @@ fn lean_on_neighbours(
         }
         let mut sum = Rgb::BLACK;
         let mut weight = 0.0;
-        for other in neighbours(on, texel) {
+        for other in neighbours(on, texel).filter(|o| on.are_joined(texel, *o)) {
             let w = lines(other) as f32;
             sum += out[2 * other + side] * w;
             weight += w;
@@ -185,15 +192,20 @@ fn lean_on_neighbours(
 }
 
 /// Gives texels that no line struck the mean of their neighbours, ring by ring from those that have a
-/// value, so that lookups between texels find light up to every border. Those shut in by cuts stay black.
+/// value, so that lookups between texels find light up to every border. Cuts are crossed only to those
+/// that they shut in: nothing sees them, as the floor under a box, but cells of light fields that the
+/// box's foot runs through are looked up beside lit ones.
 fn fill(on: Lain, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]) {
     let first = on.lattice.first as usize;
     let mut known = vec![true; texel_range(on.lattice).len()];
     missing.iter().for_each(|t| known[t - first] = false);
+    let mut across = false;
     while !missing.is_empty() {
         let mut filled = Vec::new();
         missing.retain(|&texel| {
-            let around: Vec<usize> = neighbours(on, texel).filter(|o| known[o - first]).collect();
+            let joined = |o: &usize| across || on.are_joined(texel, *o);
+            let around = neighbours(on, texel).filter(|o| known[o - first]).filter(joined);
+            let around: Vec<usize> = around.collect();
             if around.is_empty() {
                 return true;
             }
@@ -201,10 +213,11 @@ fn fill(on: Lain, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]) {
             filled.push((texel, sum / around.len() as f32));
             false
         });
-        if filled.is_empty() {
-            // What is left is shut in.
+        if filled.is_empty() && across {
             break;
         }
+        // What is left is shut in.
+        across |= filled.is_empty();
         for (texel, value) in filled {
             out[2 * texel + side] = value;
             known[texel - first] = true;
@@ -212,7 +225,7 @@ fn fill(on: Lain, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]) {
     }
 }
 
-/// The up to eight texels around one that no cut parts from it.
+/// The up to eight texels around one.
 fn neighbours(on: Lain, texel: usize) -> impl Iterator<Item = usize> {
     let Lattice { first, width, height, .. } = *on.lattice;
     let (first, width, height) = (first as usize, width as usize, height as usize);
@@ -222,7 +235,6 @@ fn neighbours(on: Lain, texel: usize) -> impl Iterator<Item = usize> {
         (column.saturating_sub(1)..(column + 2).min(width)).map(move |c| first + r * width + c)
     })
     .filter(move |other| *other != texel)
-    .filter(move |other| on.cuts.are_joined(on.lattice, texel as u32, *other as u32))
 }
 
 #[cfg(test)]
