@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Baked, Dice, moved, parameters, scene_of, text};
+use common::{Baked, Dice, hidden, moved, parameters, scene_of, text};
 use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -14,12 +14,14 @@ fn small() -> Parameters {
     Parameters { perturbations: vec![8, 2, 1], ..parameters(513, 64, 3) }
 }
 
-/// Area and radiant exitance over pi, per material, fronts only. A material and its `_twin` count as one.
+/// Radiant exitance over pi, per material, fronts only, where light can come. A material and its `_twin` count as one.
 fn light(scene: &Scene) -> BTreeMap<String, f64> {
     let field = Baked::new(scene, &small()).open();
     let areas = vlf::scene::areas::areas(&field.scene, &field.texels);
     let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
-    for (texel, surface) in field.texels.surface_of.iter().enumerate() {
+    let hidden = hidden(&field);
+    let seen = field.texels.surface_of.iter().enumerate().filter(|(texel, _)| !hidden[*texel]);
+    for (texel, surface) in seen {
         let name = &field.scene.material_of(SurfaceId(*surface)).name;
         let name = name.trim_end_matches("_twin").to_owned();
         let (sum, area) = sums.entry(name).or_default();

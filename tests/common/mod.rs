@@ -191,12 +191,15 @@ pub fn picture(field: &LightField, camera: &Camera, method: Method, samples: u32
     take(field, &visible, camera, (method, options), &|_| {}).unwrap()
 }
 
-/// Mean radiance of the front of all surfaces of a material, weighted by area; mean of the channels.
+/// Mean radiance of the front of all surfaces of a material, where light can come, weighted by area;
+/// mean of the channels.
 pub fn mean_radiance(field: &LightField, material: &str) -> f64 {
     let areas = vlf::scene::areas::areas(&field.scene, &field.texels);
     let (mut sum, mut area) = (0.0, 0.0);
+    let hidden = hidden(field);
     for (texel, surface) in field.texels.surface_of.iter().enumerate() {
-        if field.scene.material_of(vlf::SurfaceId(*surface)).name == material {
+        let name = &field.scene.material_of(vlf::SurfaceId(*surface)).name;
+        if name == material && !hidden[texel] {
             sum += f64::from(field.total[2 * texel].mean()) * f64::from(areas[texel]);
             area += f64::from(areas[texel]);
         }
@@ -250,3 +253,29 @@ newmtl floor\nKd 0.5 0.5 0.5\nillum 1
 newmtl white\nKd 0.8 0.8 0.8\nillum 1
 newmtl lamp\nKd 0 0 0\nKe 10 10 10\nillum 1
 ";
+
+/// For each texel whether no light can come to its front: all around, its middle sees only backs, as
+/// under a box. What such a texel holds is for lookups beside it; it is no light of the scene.
+pub fn hidden(field: &LightField) -> Vec<bool> {
+    const RAYS: usize = 64;
+    let visible = Visible::new(&field.scene);
+    let golden = std::f32::consts::PI * (3.0 - 5f32.sqrt());
+    let of = |texel: usize| {
+        let id = field.texels.surface_of[texel] as usize;
+        let (surface, lattice) = (&field.scene.surfaces[id], field.texels.lattices[id]);
+        let inside = texel as u32 - lattice.first;
+        let place = |k: u32, density: f32| (k as f32 + 0.5) / density;
+        let along_u = surface.u * place(inside % lattice.width, lattice.density.x);
+        let along_v = surface.v * place(inside / lattice.width, lattice.density.y);
+        let above = surface.origin + along_u + along_v + surface.normal * 1e-4;
+        (0..RAYS).all(|k| {
+            let z = (k as f32 + 0.5) / RAYS as f32;
+            let (sin, cos) = (golden * k as f32).sin_cos();
+            let across = (1.0 - z * z).sqrt();
+            let direction =
+                surface.u * (across * cos) + surface.v * (across * sin) + surface.normal * z;
+            visible.nearest(above, direction, 0.0).is_some_and(|hit| hit.side == vlf::Side::Back)
+        })
+    };
+    (0..field.texels.len()).map(of).collect()
+}
