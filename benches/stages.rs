@@ -150,8 +150,8 @@ fn shoot_one_direction(bencher: Bencher) {
         current: &current,
         pages: None,
         paths: None,
-        perturbations: 1,
-        senders: None,
+        grids: Grids { perturbations: 1, thinned: 0 },
+        few: None,
         sealed: &sealed,
     };
     let mut scratch = Scratch::new(&OFFICE.texels);
@@ -244,9 +244,16 @@ fn total_map(bencher: Bencher) {
     let shared = OFFICE.shared();
     let total = emission(&OFFICE.scene, &OFFICE.texels);
     let lit = totals::lit_sides(&OFFICE.texels, &total);
+    let sealed = Sealed::none(2 * OFFICE.texels.len());
     let mut scratch = totals::Scratch::default();
     bencher.bench_local(|| {
-        totals::total_map(&shared, black_box(LINE), (&total, &lit), Mirrors::None, &mut scratch)
+        totals::total_map(
+            &shared,
+            black_box(LINE),
+            (&total, &lit),
+            (Mirrors::None, &sealed),
+            &mut scratch,
+        )
     });
 }
 
@@ -268,8 +275,10 @@ fn check_a_tile_map(bencher: Bencher) {
     let shared = OFFICE.shared();
     let total = emission(&OFFICE.scene, &OFFICE.texels);
     let lit = totals::lit_sides(&OFFICE.texels, &total);
+    let sealed = Sealed::none(2 * OFFICE.texels.len());
     let mut scratch = totals::Scratch::default();
-    let map = totals::total_map(&shared, LINE, (&total, &lit), Mirrors::None, &mut scratch);
+    let map =
+        totals::total_map(&shared, LINE, (&total, &lit), (Mirrors::None, &sealed), &mut scratch);
     let surfaces = OFFICE.scene.surfaces.len() as u32;
     bencher
         .counter(divan::counter::BytesCount::new(map.len()))

@@ -5,11 +5,11 @@
 //! hold, and any interruption costs at most the time since the last commit.
 
 use super::ahead::{Wanted, ahead};
-use super::layers::{Layers, Outlines};
+use super::layers::Outlines;
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::memory::Need;
-use super::reach::{CutViews, Reach, Sealed};
-use super::step::{Cycle, FROM_OUTSIDE, Made, Scratch, Shared, shoot};
+use super::reach::{self, SWEEPS, Sealed};
+use super::step::{Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
 use super::transfer::diffuse::{diffuse_factor, next_textures};
 use super::transfer::{self, Fixed, Quantum};
@@ -22,7 +22,7 @@ use crate::field::{Field, FieldError};
 use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
 use crate::format::container::{ChunkKind, FileKind, NO_DIRECTION};
-use crate::format::manifest::{CycleLedger, Parameters, Phase};
+use crate::format::manifest::{CycleLedger, Grids, Parameters, Phase};
 use crate::format::names;
 use crate::ids::DirectionId;
 use crate::paths::{MAX_DEPTH, Paths};
@@ -60,9 +60,6 @@ pub struct Bake<'a> {
     /// Directions of the step under way that an earlier run did.
     done_before: u32,
 }
-
-/// Sweeps over all directions while the bake prepares.
-const SWEEPS: usize = 2;
 
 /// What a direction takes in all of them, in PSFs of the propagation.
 const PREPARING: f64 = 1.5;
@@ -129,53 +126,16 @@ impl<'a> Bake<'a> {
         Ok(bake)
     }
 
-    /// The texture values that no light can come to, from two sweeps over the lines.
+    /// The texture values that no light can come to.
     fn reach(&self) -> Sealed {
-        let shared = self.shared();
-        let values = 2 * self.texels.len();
-        let cut = self.texels.met();
-        let reach = self.sweep(
-            0,
-            || Reach::new(values),
-            |reach, id, layers| reach.sweep(&shared, &cut, id, layers),
-            |all, one| all.merge(&one),
-        );
-        let mut sealed = reach.sealed(&shared, &cut);
-        let views = self.sweep(
-            1,
-            || CutViews::new(values),
-            |views, id, layers| views.sweep(&shared, (&cut, &sealed), id, layers),
-            |all, one| all.merge(&one),
-        );
-        views.seal(&mut sealed);
-        sealed
-    }
-
-    /// Lets every thread look along directions until none is left, then merges what they found.
-    fn sweep<T: Send>(
-        &self,
-        number: usize,
-        new: impl Fn() -> T + Sync,
-        look: impl Fn(&mut T, DirectionId, &mut Layers) + Sync,
-        merge: impl Fn(&mut T, T),
-    ) -> T {
-        let next = AtomicUsize::new(0);
-        let stop = || self.options.stop.load(Ordering::Relaxed);
-        let found = self.pool.broadcast(|_| {
-            let (mut own, mut layers) = (new(), Layers::default());
-            loop {
-                let direction = next.fetch_add(1, Ordering::Relaxed);
-                if direction >= self.directions.len() || stop() {
-                    return own;
-                }
-                look(&mut own, DirectionId(direction as u32), &mut layers);
-                let all = self.directions.len();
-                self.report(true, ((number * all + direction + 1) / SWEEPS) as u32);
-            }
-        });
-        let mut all = new();
-        found.into_iter().for_each(|own| merge(&mut all, own));
-        all
+        let lines: Vec<DirectionId> = self.directions.ids().collect();
+        let looks = AtomicUsize::new(0);
+        let looked = || {
+            let looks = looks.fetch_add(1, Ordering::Relaxed) + 1;
+            self.report(true, (looks / SWEEPS) as u32);
+            !self.options.stop.load(Ordering::Relaxed)
+        };
+        self.pool.install(|| reach::sealed(&self.shared(), &lines, looked))
     }
 
     /// Runs to the end, or until asked to stop.
@@ -243,7 +203,7 @@ impl<'a> Bake<'a> {
         if self.field.manifest().has_sums {
             tally = self.read_sums(&mut lock(&workers[0]).sums)?;
         }
-        let perturbations = self.perturbations(cycle);
+        let grids = self.parameters.grids(cycle);
         let stores_mirrors = self.shared().stores_mirrors();
         let folder = names::generation(cycle + 1);
         if stores_mirrors && !self.all_done() {
@@ -253,6 +213,7 @@ impl<'a> Bake<'a> {
         let pages =
             (stores_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating).reusing(spare));
         let senders = self.few_senders(cycle);
+        let lamps = senders.as_ref().and_then(|senders| self.only(senders));
         self.begin_step();
         while !self.all_done() {
             let shared = self.shared();
@@ -261,8 +222,10 @@ impl<'a> Bake<'a> {
                 current: &current,
                 pages: pages.as_ref(),
                 paths: self.paths().filter(|_| !stores_mirrors),
-                perturbations,
-                senders: senders.as_deref(),
+                grids,
+                few: senders
+                    .as_deref()
+                    .map(|senders| Few { senders, paths: self.paths_in(lamps.as_ref()) }),
                 sealed: &self.sealed,
             };
             let wanted =
@@ -307,14 +270,17 @@ impl<'a> Bake<'a> {
 
     /// The paths through mirrors, where any are followed.
     fn paths(&self) -> Option<Paths<'_>> {
-        let visible = self.visible.as_ref()?;
-        Some(Paths { scene: self.scene, visible, max_depth: MAX_DEPTH })
+        self.paths_in(self.visible.as_ref())
+    }
+
+    fn paths_in<'b>(&'b self, visible: Option<&'b Visible>) -> Option<Paths<'b>> {
+        Some(Paths { scene: self.scene, visible: visible?, max_depth: MAX_DEPTH })
     }
 
     /// The surfaces that send in a cycle, if they are few: emitters in the first one, and mirrors that
     /// send on what they show.
     fn few_senders(&self, cycle: u32) -> Option<Vec<bool>> {
-        if cycle > 0 || self.perturbations(cycle) == 1 {
+        if cycle > 0 || self.parameters.grids(cycle).perturbations == 1 {
             return None;
         }
         let relays = !self.parameters.stores_mirrors();
@@ -330,15 +296,16 @@ impl<'a> Bake<'a> {
         (area(true) < FEW * area(false)).then_some(senders)
     }
 
-    /// What a direction takes in a cycle, in PSFs that are rasterised whole.
-    fn grids(&self, cycle: u32) -> f64 {
-        let all = f64::from(self.perturbations(cycle));
-        if self.few_senders(cycle).is_some() { 1.0 + WINDOWED * (all - 1.0) } else { all }
+    /// What paths through mirrors meet of few senders, where any are followed.
+    fn only(&self, senders: &[bool]) -> Option<Visible> {
+        let follows = self.visible.is_some() && !self.parameters.stores_mirrors();
+        follows.then(|| Visible::of(self.scene, |id| senders[id.index()]))
     }
 
-    fn perturbations(&self, cycle: u32) -> u32 {
-        let counts = &self.parameters.perturbations;
-        counts[(cycle as usize).min(counts.len() - 1)]
+    /// What a direction takes in a cycle, in PSFs that are rasterised whole.
+    fn grids(&self, cycle: u32) -> f64 {
+        let all = self.parameters.grids(cycle).per_line();
+        if self.few_senders(cycle).is_some() { 1.0 + WINDOWED * (all - 1.0) } else { all }
     }
 
     fn all_done(&self) -> bool {
@@ -518,10 +485,10 @@ impl<'a> Bake<'a> {
         tally: &Tally,
         few_send: bool,
     ) -> Result<(), BakeError> {
-        let perturbations = self.perturbations(cycle);
+        let Grids { perturbations, thinned } = self.parameters.grids(cycle);
         let units = Units {
             quantum: self.quantum,
-            share: self.directions.share(),
+            share: self.directions.share() * 4f64.powi(thinned as i32),
             cell: f64::from(2.0 / self.parameters.resolution as f32).powi(2)
                 * self.scene.fit.radius.powi(2),
             perturbations,
@@ -626,7 +593,8 @@ impl<'a> Bake<'a> {
                 };
                 let maps = (total.as_slice(), lit.as_slice());
                 let id = DirectionId(direction);
-                let bytes = totals::total_map(&shared, id, maps, mirrors, &mut scratch);
+                let bytes =
+                    totals::total_map(&shared, id, maps, (mirrors, &self.sealed), &mut scratch);
                 Ok(vec![(ChunkKind::Total, bytes)])
             })?;
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));

@@ -40,7 +40,7 @@ use crate::field::storage::Storage;
 use crate::field::storage::disk::Disk;
 use crate::field::{Field, FieldError, Terms};
 use crate::format::limits;
-use crate::format::manifest::{Parameters, Phase, Specular, Statistics};
+use crate::format::manifest::{MOST_THINNED, Parameters, Phase, Specular, Statistics};
 use crate::format::tiles::exponent_for;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -330,6 +330,9 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
     }
     if p.perturbations.is_empty() || p.perturbations.iter().any(|n| *n == 0 || *n > 4096) {
         return bad("--perturb: 1 to 4096 for each cycle".to_owned());
+    }
+    if p.thinned > MOST_THINNED {
+        return bad(format!("--perturb: a last fraction is 1/4 to 1/4^{MOST_THINNED}"));
     }
     if p.specular == Specular::Trace && !p.resample {
         return bad(

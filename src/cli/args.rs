@@ -114,9 +114,10 @@ pub struct Baking {
     #[arg(long, default_value = "auto")]
     pub cycles: Cycles,
     /// Grids that each direction stands for, its own included, in each cycle: N or N,N,...; the last
-    /// counts for all later cycles. Overrides --quality
-    #[arg(long, value_delimiter = ',')]
-    pub perturb: Option<Vec<u32>>,
+    /// counts for all later cycles and may be 1/4, 1/16, ...: one grid of so many of the directions.
+    /// Overrides --quality
+    #[arg(long)]
+    pub perturb: Option<Perturb>,
     /// How many lines to spend
     #[arg(long, value_enum, default_value = "preview")]
     pub quality: QualityName,
@@ -345,6 +346,35 @@ impl From<MethodName> for Method {
         match name {
             MethodName::Field => Method::Field,
             MethodName::Trace => Method::Trace,
+        }
+    }
+}
+
+/// `--perturb`.
+#[derive(Clone)]
+pub struct Perturb {
+    /// Grids a direction, cycle by cycle.
+    pub grids: Vec<u32>,
+    /// After these, one grid of one in `4^thinned` directions.
+    pub thinned: u32,
+}
+
+impl FromStr for Perturb {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Perturb, String> {
+        let wrong =
+            || "whole numbers with commas between, the last perhaps 1/4, 1/16, ...".to_owned();
+        let (grids, last) = match text.rsplit_once(',') {
+            Some((before, last)) if last.trim().starts_with("1/") => (before, Some(last.trim())),
+            _ => (text, None),
+        };
+        let grids: Result<Vec<u32>, _> = grids.split(',').map(|n| n.trim().parse()).collect();
+        let part = last.map_or(Ok(1), |last| last["1/".len()..].parse::<u32>());
+        match (grids, part) {
+            (Ok(grids), Ok(part)) if part.is_power_of_two() && part.ilog2() % 2 == 0 => {
+                Ok(Perturb { grids, thinned: part.ilog2() / 2 })
+            }
+            _ => Err(wrong()),
         }
     }
 }

@@ -72,13 +72,18 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
 /// What decides the bits, as it was typed.
 pub fn parameters(a: &args::Baking) -> Parameters {
     let quality: Quality = a.quality.into();
+    let (perturbations, thinned) = match a.perturb.clone() {
+        Some(perturb) => (perturb.grids, perturb.thinned),
+        None => quality.perturbations(),
+    };
     Parameters {
         directions: a.directions,
         resolution: a.resolution,
         tile: a.tile,
         cycles: a.cycles.0,
         unshot_fraction: UNSHOT_FRACTION,
-        perturbations: a.perturb.clone().unwrap_or_else(|| quality.perturbations()),
+        perturbations,
+        thinned,
         texel_cells: a.texel,
         filter: a.filter,
         one_sided: a.one_sided,
@@ -104,7 +109,8 @@ pub fn threads(asked: Option<usize>) -> anyhow::Result<usize> {
 
 /// Parameters of a quality at the default size.
 pub fn defaults(quality: Quality) -> Parameters {
-    Parameters { perturbations: quality.perturbations(), ..Parameters::default() }
+    let (perturbations, thinned) = quality.perturbations();
+    Parameters { perturbations, thinned, ..Parameters::default() }
 }
 
 /// Seconds between commits, and whether they are synced.

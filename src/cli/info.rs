@@ -38,12 +38,10 @@ impl Facts {
     /// Fragments on a ray of the grids that are done, on the average.
     fn fragments_a_ray(&self) -> Option<f64> {
         let p = &self.manifest.parameters;
-        let counts = &p.perturbations;
-        let grids = |cycle: u32| u64::from(counts[(cycle as usize).min(counts.len() - 1)]);
-        let shot: u64 = (0..self.manifest.cycle).map(grids).sum();
-        let grids = shot * u64::from(p.directions) + self.total_maps();
-        let rays = grids * u64::from(p.resolution).pow(2);
-        (rays > 0).then(|| self.manifest.statistics.fragments as f64 / rays as f64)
+        let shot: f64 = (0..self.manifest.cycle).map(|cycle| p.grids(cycle).per_line()).sum();
+        let grids = shot * f64::from(p.directions) + self.total_maps() as f64;
+        let rays = grids * f64::from(p.resolution).powi(2);
+        (rays > 0.0).then(|| self.manifest.statistics.fragments as f64 / rays)
     }
 
     /// Surfaces in a tile of the total maps that are done, on the average.
@@ -153,7 +151,10 @@ pub fn summary(path: &Path) -> anyhow::Result<String> {
             passes => format!(", filter {passes}"),
         }
     )?;
-    let perturbed: Vec<String> = p.perturbations.iter().map(u32::to_string).collect();
+    let mut perturbed: Vec<String> = p.perturbations.iter().map(u32::to_string).collect();
+    if p.thinned > 0 {
+        perturbed.push(format!("1/{}", 1u64 << (2 * p.thinned)));
+    }
     write!(out, "  grids a direction by cycle: {}, ...; ", perturbed.join(", "))?;
     match p.cycles {
         Some(cycles) => writeln!(out, "{cycles} cycles")?,

@@ -26,8 +26,11 @@ pub struct Parameters {
     pub cycles: Option<u32>,
     /// With `auto`: stop when this fraction of the emitted power is still unshot.
     pub unshot_fraction: f64,
-    /// PSFs each line stands for in each cycle, its own included; the last counts for all later cycles.
+    /// PSFs each line stands for in each cycle, its own included; see `thinned` for later cycles.
     pub perturbations: Vec<u32>,
+    /// In cycles later than `perturbations` names, only the lines of a lattice with steps `2^thinned`
+    /// times as long; with 0, the last of `perturbations` counts for all of them.
+    pub thinned: u32,
     /// Edge of a texel in cells.
     pub texel_cells: f64,
     /// Passes of the binomial filter over each cycle's Next Texture Maps.
@@ -70,6 +73,7 @@ impl Default for Parameters {
             cycles: None,
             unshot_fraction: 1e-3,
             perturbations: vec![1],
+            thinned: 0,
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
@@ -86,9 +90,38 @@ impl Parameters {
         self.specular == Specular::Maps
     }
 
+    /// The PSFs of a cycle. Where mirrors' maps are written, each needs those of all lines.
+    pub fn grids(&self, cycle: u32) -> Grids {
+        let counts = &self.perturbations;
+        let thins = self.thinned > 0 && !self.stores_mirrors();
+        match counts.get(cycle as usize).or(counts.last().filter(|_| !thins)) {
+            Some(&perturbations) => Grids { perturbations, thinned: 0 },
+            None => Grids { perturbations: 1, thinned: self.thinned },
+        }
+    }
+
     /// Whether mirrors' total maps are what was stored of them.
     pub fn totals_from_store(&self) -> bool {
         self.stores_mirrors() && !self.resample
+    }
+}
+
+/// The most that steps of the lattice can be doubled for late cycles.
+pub const MOST_THINNED: u32 = 9;
+
+/// The PSFs of one cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Grids {
+    /// PSFs that each of its lines stands for, its own included.
+    pub perturbations: u32,
+    /// Its lines are those of a lattice with steps `2^thinned` times as long.
+    pub thinned: u32,
+}
+
+impl Grids {
+    /// PSFs for each line of the full lattice.
+    pub fn per_line(self) -> f64 {
+        f64::from(self.perturbations) / f64::from(4u32.pow(self.thinned.min(MOST_THINNED)))
     }
 }
 
@@ -323,7 +356,7 @@ impl Manifest {
         if !same || self.done.len() != (p.directions as usize).div_ceil(8) {
             return Err(Fault::invalid("its parameters are not those of its first block"));
         }
-        let counts = p.filter <= 64;
+        let counts = p.filter <= 64 && p.thinned <= MOST_THINNED;
         if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() || !counts {
             return Err(Fault::invalid("its parameters are out of range"));
         }

@@ -10,7 +10,7 @@ use crate::field::storage::memory::Memory;
 use crate::field::storage::{Input, Lock, LockError, Output, Storage};
 use crate::field::{FieldError, files, read_manifest};
 use crate::format::container::{ChunkKind, Codec, FileKind, NO_DIRECTION, encode};
-use crate::format::manifest::{Manifest, Parameters, Phase};
+use crate::format::manifest::{Grids, Manifest, Parameters, Phase};
 use crate::format::names;
 use crate::format::tiles::{Layout, TileMap};
 use crate::radiance::Rgb;
@@ -229,7 +229,7 @@ impl Rehearsal {
         pages: u64,
         options: &Options,
     ) -> Result<Rehearsal, BakeError> {
-        let parameters = Parameters { directions: lines, ..shared.parameters.clone() };
+        let parameters = Parameters { directions: lines, thinned: 0, ..shared.parameters.clone() };
         let threads = options.threads.max(1) as u64;
         let need = {
             let directions = Directions::with_lines(lines);
@@ -332,14 +332,16 @@ impl Rehearsal {
         let Marks { begun, sweeps, reports, commits, ended } = &self.marks;
         let lines = f64::from(self.lines);
         let all = f64::from(shared.parameters.directions);
-        let counts = &shared.parameters.perturbations;
         let mut steps = Steps { processor: processor_seconds().is_some(), ..Steps::default() };
         let mut before = *begun;
         for (k, ((totals, cycle), reports)) in reports.iter().enumerate() {
             let (Some(first), Some(last)) = (reports.first(), reports.last()) else { continue };
             // The axes take too large a part of few lines; perturbed ones are away from them.
-            let perturbations = counts[(*cycle as usize).min(counts.len() - 1)];
-            let turned = if *totals { 0.0 } else { f64::from(perturbations - 1) };
+            let Grids { perturbations, thinned } = shared.parameters.grids(*cycle);
+            let (turned, part) = match totals {
+                true => (0.0, 1.0),
+                false => (f64::from(perturbations - 1), 0.25f64.powi(thinned as i32)),
+            };
             let fragments = (turned + sample.fragments) / (turned + 1.0);
             let direction = self.direction(reports);
             let begun = direction.map(|s| s * f64::from(self.threads));
@@ -348,7 +350,7 @@ impl Rehearsal {
             let end = if *totals { *ended } else { commits.get(k + 1).copied().unwrap_or(*last) };
             let rest = (end - *last).at_least_none();
             let step = direction
-                .map(|s| s * all * fragments)
+                .map(|s| s * all * part * fragments)
                 .and(self.files((k, *totals), sample, all))
                 .and(rest);
             if k == 0 {
