@@ -337,6 +337,30 @@ fn a_field_in_use_and_a_field_of_another_bake_are_left_alone() {
     assert!(read() == before);
 }
 
+/// Every command that opens what another may have made.
+#[test]
+fn a_limit_that_is_passed_is_named_with_its_flag() {
+    let folder = folder();
+    vlf(&folder).args(bake("box.field", &["--limit-surfaces", "8"])).assert().success();
+    let surfaces = ["--limit-surfaces", "1"];
+    let named = ["exceeds limit 1 (--limit-surfaces)"];
+    let eye: &[&str] = &["render", "-o", "box.png", "--eye=0,1,3", "--target=0,1,0", "box.field"];
+    for command in [&["info", "box.field"], &["verify", "box.field"], eye] {
+        refused(&folder, &[command, &surfaces].concat(), LIMIT, &named);
+    }
+    // The scene itself has as many polygons, a field of it as many surfaces.
+    for command in ["plan", "bake"] {
+        let asked = [command, "box.obj", "-o", "box.field", "--limit-surfaces", "1"];
+        let named = ["box.obj: number of polygons 2", named[0]];
+        refused(&folder, &asked, LIMIT, &named);
+    }
+    let resumed = bake("box.field", &["--limit-directions", "9"]);
+    refused(&folder, &resumed, LIMIT, &["direction count 33", "(--limit-directions)"]);
+    let short = bake("other.field", &["--limit-scene", "300"]);
+    refused(&folder, &short, LIMIT, &["exceeds limit 300 (--limit-scene)"]);
+    assert!(!folder.path().join("other.field").exists());
+}
+
 #[test]
 fn json_is_one_object_and_nothing_else() {
     let folder = folder();

@@ -8,6 +8,7 @@ use serde_json::json;
 use std::path::Path;
 use vlf::Visible;
 use vlf::look::image::{Picture, write_exr, write_png};
+use vlf::look::packed::Access;
 use vlf::look::render::{Options, method};
 use vlf::look::tone;
 use vlf::{Camera, DirectionId, LightField};
@@ -26,10 +27,8 @@ pub fn run(a: &args::Render) -> anyhow::Result<u8> {
     let kind = kind(&a.output)?;
     let camera = camera(a)?;
     may_replace(&a.output, kind)?;
-    let field = match a.no_map {
-        true => LightField::open_unmapped(&a.field)?,
-        false => LightField::open(&a.field)?,
-    };
+    let access = if a.no_map { Access::Read } else { Access::Mapped };
+    let field = LightField::open_within(&a.field, access, &a.limits)?;
     let visible = Visible::new(&field.scene);
     check_eye(&field, &visible, &camera)?;
     let options = (a.method.into(), Options { samples: a.samples });

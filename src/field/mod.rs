@@ -230,7 +230,8 @@ impl Field {
 
         let files = manifest_files(&*storage)?;
         let (manifest, header, notice, begun) = if files.iter().any(Option::is_some) {
-            let (header, manifest, fault) = Manifest::newest(&path.display().to_string(), files)?;
+            let (header, manifest, fault) =
+                Manifest::newest(&path.display().to_string(), files, &storage.limits())?;
             header.check_writable().map_err(|f| f.in_file(path.display()))?;
             if let Some(what) = difference(&manifest, &fresh) {
                 return Err(FieldError::Identity { path, what });
@@ -271,7 +272,7 @@ impl Field {
     /// The commit before the one taken up, if it is sound: its files stay until the next commit.
     fn keep_previous(&mut self) -> Result<(), FieldError> {
         for (name, bytes) in manifest_files(&*self.storage)?.into_iter().flatten() {
-            match Manifest::from_file(&name, &bytes) {
+            match Manifest::from_file(&name, &bytes, &self.storage.limits()) {
                 Ok((_, m)) if m.sequence < self.manifest.sequence => self.committed.insert(0, m),
                 _ => {}
             }
@@ -389,7 +390,8 @@ pub fn read_manifest(storage: &dyn Storage) -> Result<(Header, Manifest), FieldE
         // A folder without a field is another mistake than none at all.
         storage.list("").map_err(FieldError::io("read", storage.place()))?;
     }
-    let (header, manifest, _) = Manifest::newest(&storage.place().display().to_string(), files)?;
+    let (header, manifest, _) =
+        Manifest::newest(&storage.place().display().to_string(), files, &storage.limits())?;
     Ok((header, manifest))
 }
 

@@ -18,8 +18,9 @@
 //! All numbers that repeat one another are compared when a map is opened, so that a lookup needs no
 //! check beyond Rust's own.
 
+use super::Fault;
 use super::bytes::{Reader, Writer, u16_at, u32_at, u64_at};
-use super::{Fault, limits};
+use super::limits::MOST_CELLS;
 use crate::ids::{Cell, Sense, SurfaceId};
 use crate::radiance::Rgb;
 use half::f16;
@@ -177,7 +178,7 @@ impl Layout {
         let bad = |what: &str| Err(Fault::invalid(format!("tile map: {what}")));
         let mut r = Reader::new(bytes);
         let (n, m, entries, values) = (r.u32()?, r.u32()?, r.u32()?, r.u32()?);
-        let of_field = (1..=limits::TILE).contains(&tile) && resolution <= limits::RESOLUTION;
+        let of_field = (1..=MOST_CELLS).contains(&tile) && resolution <= MOST_CELLS;
         if !of_field || (n, m) != (resolution / tile, tile) {
             return bad("its tiles are not the field's");
         }

@@ -4,8 +4,9 @@
 //! bytes may come from anywhere.
 
 use super::{Fit, Material, Polygon, Reflectance, Scene, Surface};
+use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
-use crate::format::{Fault, limits};
+use crate::format::limits::Limits;
 use crate::ids::MaterialId;
 use crate::radiance::Rgb;
 use glam::{DVec3, Vec2, Vec3};
@@ -97,7 +98,7 @@ fn surface(r: &mut Reader, materials: usize) -> Result<Surface, Fault> {
 ///
 /// # Errors
 /// The first number that breaks a promise of [`Scene`]; bytes that end early or too late.
-pub fn from_bytes(bytes: &[u8]) -> Result<Scene, Fault> {
+pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Scene, Fault> {
     let mut r = Reader::new(bytes);
     let centre = DVec3::new(r.f64()?, r.f64()?, r.f64()?);
     let radius = r.f64()?;
@@ -106,10 +107,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Scene, Fault> {
     let materials = (0..count).map(|_| material(&mut r)).collect::<Result<Vec<_>, _>>()?;
     // Each takes its frame, its extent and one polygon at least.
     let count = r.count(4 + 14 * 4 + 4 + 40)?;
-    if count as u64 > u64::from(limits::SURFACES) {
-        let limit = limits::SURFACES.into();
-        return Err(Fault::Limit { what: "surface count", value: count as u64, limit });
-    }
+    limits.check_surfaces(count as u32)?;
     let surfaces =
         (0..count).map(|_| surface(&mut r, materials.len())).collect::<Result<Vec<_>, _>>()?;
     r.end()?;

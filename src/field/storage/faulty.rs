@@ -2,6 +2,7 @@
 //! writes short.
 
 use super::{Input, Lock, LockError, Output, Storage};
+use crate::format::limits::Limits;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -88,6 +89,10 @@ impl Hurt {
 impl<S: Storage> Storage for Faulty<S> {
     fn place(&self) -> &Path {
         self.inner.place()
+    }
+
+    fn limits(&self) -> Limits {
+        self.inner.limits()
     }
 
     fn make(&self) -> io::Result<()> {
