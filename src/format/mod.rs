@@ -6,7 +6,7 @@
 //!
 //! Numbers are little-endian; sizes are checked before anything is allocated; nothing here is
 //! `unsafe`, and no serde runs on tables or tiles. Arithmetic, casts and indexing that could fail are
-//! denied where untrusted bytes are read, but for [`tiles`], whose check comes before its lookups.
+//! denied where untrusted bytes are read; lookups in tile maps come behind a check of the whole map.
 
 pub mod bytes;
 
