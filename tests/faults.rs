@@ -228,6 +228,24 @@ fn costs_no_direction(parameters: &Parameters) {
     assert!(between >= 3, "only {between}");
 }
 
+#[test]
+fn without_locks_a_bake_is_refused_unless_its_user_is_sure() {
+    let tiny = Tiny::new();
+    let disk = Arc::new(Memory::default());
+    let faults = Faults { no_locks: true, ..Faults::default() };
+    let bake = |lock| {
+        let storage = Arc::new(Faulty::new(disk.clone(), faults));
+        Tiny { lock, ..tiny.clone() }.bake(storage)
+    };
+    let Err(BakeError::Field(error @ FieldError::NoLocks { .. })) = bake(true) else { panic!() };
+    let said = error.to_string();
+    assert!(said.contains("this filesystem has no locks"), "{said}");
+    assert!(said.contains("use --no-lock if you are sure"), "{said}");
+    assert_eq!(disk.list("").unwrap(), Vec::<String>::new(), "something was made");
+    assert_eq!(bake(false).unwrap(), Outcome::Finished);
+    assert_eq!(Left::of(&*disk).same_as(&tiny.undisturbed()), Ok(()));
+}
+
 /// Bits that have gone bad since they were written: a bake that goes on never says that it is
 /// finished over them. A total map is made again: stored maps of what arrived at mirrors are still there.
 #[test]

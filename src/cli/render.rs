@@ -7,6 +7,7 @@ use glam::DVec3;
 use serde_json::json;
 use std::path::Path;
 use vlf::Visible;
+use vlf::format::text::shown;
 use vlf::look::image::{Picture, write_exr, write_png};
 use vlf::look::packed::Access;
 use vlf::look::render::{Options, method};
@@ -123,7 +124,7 @@ pub fn check_eye(field: &LightField, visible: &Visible, camera: &Camera) -> anyh
     let eye = camera.view(&field.scene.fit).origin;
     let place = camera.eye;
     if let Some(id) = visible.touching(eye) {
-        let material = &field.scene.material_of(id).name;
+        let material = shown(&field.scene.material_of(id).name);
         return Err(usage(format!(
             "the eye {place} lies on surface {} (material `{material}`); move it into the open",
             id.0

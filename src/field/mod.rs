@@ -19,6 +19,7 @@ pub mod writer;
 
 use crate::format::container::{FieldId, FileKind, Header, MAGIC, NO_DIRECTION};
 use crate::format::manifest::{Manifest, Parameters, Phase, Statistics, header, record_to_bytes};
+use crate::format::text::inert;
 use crate::format::{Fault, FormatError, names};
 use crate::scene::{Scene, stored};
 use std::io;
@@ -82,7 +83,10 @@ pub enum FieldError {
         who: String,
     },
     /// Two bakes could not be kept apart.
-    #[error("{path}: cannot be locked ({source}); if no other bake writes there, use --no-lock")]
+    #[error(
+        "{path}: this filesystem has no locks ({source}); use --no-lock if you are sure that no other \
+         bake writes there"
+    )]
     NoLocks {
         /// The field.
         path: PathBuf,
@@ -362,7 +366,7 @@ fn locked(storage: &dyn Storage) -> Result<Lock, FieldError> {
         LockError::Held(who) if who.is_empty() => {
             FieldError::Locked { path, who: "another process".to_owned() }
         }
-        LockError::Held(who) => FieldError::Locked { path, who: who.escape_debug().to_string() },
+        LockError::Held(who) => FieldError::Locked { path, who: inert(&who, 200) },
         LockError::Unsupported(e) => FieldError::NoLocks { path, source: Arc::new(e) },
     })
 }

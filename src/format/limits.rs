@@ -12,6 +12,9 @@ use crate::directions::MOST_LINES;
 /// The most bytes of the manifest's record, which no flag raises.
 pub const RECORD: u64 = 64 << 20;
 
+/// The most bytes of a material's name, which no flag raises.
+pub const NAME: u32 = 4096;
+
 /// The most cells along the edge of a PSF that the code can count: their square fits into 32 bits.
 pub(super) const MOST_CELLS: u32 = 0xffff;
 

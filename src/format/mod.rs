@@ -18,6 +18,8 @@ pub mod manifest;
 
 pub mod names;
 
+pub mod text;
+
 pub mod tiles;
 
 use limits::{Flag, in_brackets};

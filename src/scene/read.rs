@@ -9,6 +9,7 @@ use super::scan::{ObjScan, scan_obj};
 use super::scan_mtl::{Definition, scan_mtl};
 use super::{Material, Scene};
 use crate::format::limits::{Limits, in_brackets};
+use crate::format::text::{inert, shown};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::fs::File;
@@ -18,6 +19,9 @@ use std::path::Path;
 
 /// The most material libraries a scene may name.
 const MOST_LIBRARIES: usize = 1024;
+
+/// The most characters of a library's name that messages show.
+const LONGEST: usize = 200;
 
 impl Scene {
     /// Reads a Wavefront OBJ and the MTL files it names, which are looked for beside it.
@@ -154,7 +158,7 @@ fn libraries(
         let missing = |source| SceneError::Library {
             path: path.to_owned(),
             line: *line,
-            library: rest.clone(),
+            library: inert(rest, LONGEST),
             source,
         };
         // The rest of the line is one name with spaces, or else several names.
@@ -168,7 +172,13 @@ fn libraries(
             other => vec![other.map_err(missing)?],
         };
         for (name, text) in found {
-            scan_mtl(&folder.join(name), &text, &numbers, &mut definitions, &mut clean)?;
+            scan_mtl(
+                &folder.join(inert(&name, LONGEST)),
+                &text,
+                &numbers,
+                &mut definitions,
+                &mut clean,
+            )?;
         }
     }
     Ok((definitions, clean))
@@ -241,7 +251,7 @@ fn materials(
         } else {
             notes.push(Note {
                 kind: NoteKind::UndefinedMaterial,
-                subject: format!("material `{name}`"),
+                subject: format!("material `{}`", shown(name)),
                 file: file.to_owned(),
                 line: *line,
                 text: "no material library defines it, taken as diffuse 0.80 0.80 0.80".to_owned(),

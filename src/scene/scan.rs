@@ -6,7 +6,8 @@
 
 use super::error::SceneError;
 use super::report::Tally;
-use crate::format::limits::Limits;
+use crate::format::limits::{self, Limits};
+use crate::format::text::shown;
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::fmt::Write;
@@ -75,11 +76,6 @@ pub(super) fn number(word: &str) -> Result<f64, String> {
     }
 }
 
-/// A word as a message shows it: short.
-pub(super) fn shown(word: &str) -> String {
-    word.chars().take(40).collect()
-}
-
 /// Checks an OBJ text.
 ///
 /// # Errors
@@ -122,6 +118,11 @@ pub(super) fn scan_obj(path: &Path, text: &str, limits: &Limits) -> Result<ObjSc
                     let _ = write!(scan.clean, " {corner}");
                 }
                 scan.clean.push('\n');
+            }
+            "usemtl" if rest.len() > limits::NAME as usize => {
+                let (name, most) = (shown(rest), limits::NAME);
+                let message = format!("the name `{name}` has more than {most} bytes; shorten it");
+                return Err(invalid(message));
             }
             "usemtl" => {
                 let known = numbers.entry(rest.to_owned()).or_insert(scan.uses.len());

@@ -6,12 +6,11 @@
 use super::{Fit, Material, Polygon, Reflectance, Scene, Surface};
 use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
-use crate::format::limits::Limits;
+use crate::format::limits::{self, Limits};
 use crate::ids::MaterialId;
 use crate::radiance::Rgb;
 use glam::{DVec3, Vec2, Vec3};
 
-const NAME_LIMIT: u32 = 4096;
 const MIRROR: u8 = 1;
 
 /// The bytes of a scene.
@@ -53,7 +52,7 @@ fn require(holds: bool, what: &str) -> Result<(), Fault> {
 }
 
 fn material(r: &mut Reader) -> Result<Material, Fault> {
-    let name = r.text(NAME_LIMIT)?;
+    let name = r.text(limits::NAME)?;
     let emitted = Rgb(vec3(r)?.to_array());
     let mirror = r.u8()?;
     let factor = Rgb(vec3(r)?.to_array());

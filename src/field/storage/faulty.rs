@@ -22,6 +22,8 @@ pub struct Faults {
     pub short: bool,
     /// Syncs that the system says it has done and has not: told the operations so far, this one last.
     pub unsynced: Option<fn(&[String]) -> bool>,
+    /// The file system has no locks.
+    pub no_locks: bool,
 }
 
 /// Counts operations, and breaks some.
@@ -100,7 +102,10 @@ impl<S: Storage> Storage for Faulty<S> {
     }
 
     fn lock(&self, note: &str) -> Result<Lock, LockError> {
-        self.inner.lock(note)
+        match self.hurt.faults.no_locks {
+            true => Err(LockError::Unsupported(io::ErrorKind::Unsupported.into())),
+            false => self.inner.lock(note),
+        }
     }
 
     fn list(&self, folder: &str) -> io::Result<Vec<String>> {
