@@ -76,7 +76,7 @@ fn chunks_are_found_beyond_four_gibibytes() {
         assert_eq!(opened.chunk(&entry).unwrap(), expected);
         for access in [Access::Mapped, Access::Read] {
             let file = PackFile::open(&path, access).unwrap();
-            let directory = file.directory().unwrap();
+            let directory = file.directory(&Limits::default()).unwrap();
             assert_eq!(*file.chunk(&directory, &entry).unwrap(), expected, "{access:?}");
         }
     }

@@ -29,6 +29,7 @@ mod map;
 mod write;
 
 #[cfg(test)]
+#[allow(clippy::indexing_slicing, reason = "a panic fails the test")]
 mod tests;
 
 pub use map::{TileEntry, TileMap};
