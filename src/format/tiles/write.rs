@@ -21,7 +21,8 @@ pub struct CoveredCell {
     pub surface: SurfaceId,
     /// Row-by-row index of the cell inside its tile.
     pub cell: u32,
-    /// Radiance for [`Sense::Along`] and [`Sense::Against`], W sr^-1 m^-2.
+    /// Radiance for [`Along`](crate::ids::Sense::Along) and [`Against`](crate::ids::Sense::Against),
+    /// W sr^-1 m^-2.
     pub radiance: [Rgb; 2],
 }
 
