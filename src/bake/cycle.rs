@@ -314,6 +314,7 @@ impl<'a> Bake<'a> {
 
     /// Takes directions that are not done until all are, the commit is due, or a stop is asked for; the
     /// maps that steps make are written to the folder of a generation. Returns those that were done.
+    /// None is begun that the disk has no room for, with those under way and a commit of them all.
     fn walk(
         &self,
         place: (&str, u32),
@@ -321,6 +322,11 @@ impl<'a> Bake<'a> {
         step: impl Fn(u32, usize) -> Result<Maps, FieldError> + Sync,
     ) -> Result<(Vec<u32>, Walk), FieldError> {
         let manifest = self.field.manifest();
+        let room = || {
+            let step = usize::from(manifest.phase != Phase::Propagating);
+            self.field.check_room(self.need.room[step])
+        };
+        room()?;
         let curve = || self.directions.curve().iter().map(|id| id.0).collect();
         let order = self.options.order.clone().unwrap_or_else(curve);
         let todo: Vec<u32> = order.into_iter().filter(|d| !manifest.is_done(*d)).collect();
@@ -329,13 +335,13 @@ impl<'a> Bake<'a> {
         let (failed, done) = (AtomicBool::new(false), Mutex::new(Vec::new()));
         let enough = || {
             let some = !lock(&done).is_empty();
-            stop() || failed.load(Ordering::Relaxed) || (some && due())
+            stop() || failed.load(Ordering::Relaxed) || room().is_err() || (some && due())
         };
         writer::behind(&self.field, place, |queue| {
             ahead(wanted, &todo, self.options.threads, enough, |directions| {
                 let results = self.pool.broadcast(|context| {
                     for direction in directions {
-                        if stop() || failed.load(Ordering::Relaxed) {
+                        if stop() || failed.load(Ordering::Relaxed) || room().is_err() {
                             continue;
                         }
                         let maps = step(direction, context.index());

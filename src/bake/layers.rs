@@ -8,7 +8,7 @@
 use super::homes::Homes;
 use super::transfer::clip::Projection;
 use super::window::Window;
-use crate::format::limits;
+use crate::format::limits::Limits;
 use crate::ids::{Cell, Sense, SurfaceId};
 use crate::psf::Psf;
 use crate::scene::contacts::Contacts;
@@ -23,7 +23,7 @@ const EDGE_ON: f32 = 1e-5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Fragment(u64);
 
-const _: () = assert!(limits::TEXELS <= 1 << 31, "fragments cannot name all texels");
+const _: () = assert!(Limits::PUBLISHED.texels <= 1 << 31, "fragments cannot name all texels");
 
 impl Fragment {
     /// A fragment at a depth in [-1, 1]; `faces_along` says whether the surface's normal points along

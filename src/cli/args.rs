@@ -5,6 +5,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::str::FromStr;
 use vlf::bake::quality::Quality;
+use vlf::format::limits::Limits;
 use vlf::look::render::method::Method;
 use vlf::{Specular, Transfer};
 
@@ -153,6 +154,8 @@ pub struct Baking {
     /// Passes of a 3 x 3 texel filter over each cycle's texture maps; 0 for none
     #[arg(long, default_value_t = super::bake::FILTER)]
     pub filter: u32,
+    #[command(flatten)]
+    pub limits: Limits,
 }
 
 #[derive(Args)]
@@ -162,6 +165,8 @@ pub struct Info {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub limits: Limits,
 }
 
 /// Checks structure, hashes and values of everything that a field's newest commit names, or of a pack.
@@ -180,6 +185,8 @@ pub struct Verify {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub limits: Limits,
 }
 
 #[derive(Args)]
@@ -231,6 +238,8 @@ pub struct Render {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub limits: Limits,
 }
 
 #[derive(Args)]

@@ -8,6 +8,7 @@ use std::path::Path;
 use vlf::field::storage::disk::Disk;
 use vlf::field::{self, files};
 use vlf::format::container::{ChunkKind, FileKind, NO_DIRECTION};
+use vlf::format::limits::Limits;
 use vlf::format::manifest::{Manifest, Phase, record_from_bytes};
 use vlf::format::{Fault, names};
 
@@ -16,9 +17,9 @@ const TEXEL: u64 = 24;
 
 pub fn run(a: &args::Info) -> anyhow::Result<u8> {
     if a.json {
-        say(&json(&a.field)?.to_string())?
+        say(&json(&a.field, &a.limits)?.to_string())?
     } else {
-        say(&summary(&a.field)?)?
+        say(&summary(&a.field, &a.limits)?)?
     }
     Ok(0)
 }
@@ -59,9 +60,9 @@ impl Facts {
     }
 }
 
-fn facts(path: &Path) -> anyhow::Result<Facts> {
+fn facts(path: &Path, limits: &Limits) -> anyhow::Result<Facts> {
     if path.is_dir() {
-        let (header, manifest) = field::read_manifest(&Disk::new(path))?;
+        let (header, manifest) = field::read_manifest(&Disk::within(path, *limits))?;
         let size = |name: &str| files_below(&path.join(name));
         let textures = size(&names::textures(manifest.cycle));
         let mirrors =
@@ -76,11 +77,11 @@ fn facts(path: &Path) -> anyhow::Result<Facts> {
             true => [parts, vec![("sums", size(&names::sums(manifest.sequence)))]].concat(),
             false => parts,
         };
-        let texels = texels(path, &names::textures(manifest.cycle));
+        let texels = texels(path, &names::textures(manifest.cycle), limits);
         let (id, surfaces) = (header.field, header.surfaces);
         return Ok(Facts { manifest, id, parts, surfaces, texels, packed: false });
     }
-    let mut file = files::open_at(path, FileKind::Pack)?;
+    let mut file = files::open_at(path, FileKind::Pack, limits)?;
     let entry = file.find(ChunkKind::Record, NO_DIRECTION)?;
     let record = file.chunk(&entry)?;
     let in_file = |f: Fault| f.in_file(path.display());
@@ -102,8 +103,8 @@ fn facts(path: &Path) -> anyhow::Result<Facts> {
 }
 
 /// Texels of a field, from the length of its texture maps.
-fn texels(field: &Path, name: &str) -> Option<u64> {
-    let file = files::open(&Disk::new(field), name, FileKind::Textures).ok()?;
+fn texels(field: &Path, name: &str, limits: &Limits) -> Option<u64> {
+    let file = files::open(&Disk::within(field, *limits), name, FileKind::Textures).ok()?;
     Some(file.find(ChunkKind::TotalTexture, NO_DIRECTION).ok()?.raw / TEXEL)
 }
 
@@ -120,8 +121,8 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 /// Where an unfinished bake stands, in words.
-pub fn standing(path: &Path) -> anyhow::Result<String> {
-    let (_, m) = field::read_manifest(&Disk::new(path))?;
+pub fn standing(path: &Path, limits: &Limits) -> anyhow::Result<String> {
+    let (_, m) = field::read_manifest(&Disk::within(path, *limits))?;
     let (done, all) = (m.done_count(), m.parameters.directions);
     Ok(match m.phase {
         Phase::Propagating => format!("in cycle {}, at direction {done} of {all}", m.cycle + 1),
@@ -131,8 +132,8 @@ pub fn standing(path: &Path) -> anyhow::Result<String> {
 }
 
 /// What a field or pack is, in lines.
-pub fn summary(path: &Path) -> anyhow::Result<String> {
-    let facts = facts(path)?;
+pub fn summary(path: &Path, limits: &Limits) -> anyhow::Result<String> {
+    let facts = facts(path, limits)?;
     let Facts { manifest: m, parts, .. } = &facts;
     let p = &m.parameters;
     let mut out = String::new();
@@ -162,7 +163,7 @@ pub fn summary(path: &Path) -> anyhow::Result<String> {
     }
     match m.phase {
         Phase::Finished => write!(out, "  finished after {} cycles", m.cycle)?,
-        _ => write!(out, "  not finished: {}", standing(path)?)?,
+        _ => write!(out, "  not finished: {}", standing(path, limits)?)?,
     }
     writeln!(
         out,
@@ -248,8 +249,8 @@ fn size(bytes: u64) -> String {
 }
 
 /// The same as one JSON object.
-pub fn json(path: &Path) -> anyhow::Result<Value> {
-    let facts = facts(path)?;
+pub fn json(path: &Path, limits: &Limits) -> anyhow::Result<Value> {
+    let facts = facts(path, limits)?;
     let (fragments_a_ray, surfaces_a_tile) = (facts.fragments_a_ray(), facts.surfaces_a_tile());
     let Facts { manifest: m, id, parts, surfaces, texels, packed } = facts;
     let ledger: Vec<Value> = m

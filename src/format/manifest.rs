@@ -10,7 +10,8 @@
 )]
 
 use super::container::{self, ChunkId, ChunkKind, FieldId, FileKind, Header, NO_DIRECTION};
-use super::{Fault, FormatError, limits};
+use super::limits::{self, Limits};
+use super::{Fault, FormatError};
 use serde::{Deserialize, Serialize};
 
 /// What decides the bits of a field, besides the scene.
@@ -268,7 +269,7 @@ fn config() -> impl bincode::config::Config {
     bincode::config::standard()
         .with_little_endian()
         .with_fixed_int_encoding()
-        .with_limit::<{ limits::META as usize }>()
+        .with_limit::<{ limits::RECORD as usize }>()
 }
 
 /// Encodes a small metadata record.
@@ -300,8 +301,12 @@ impl Manifest {
     ///
     /// # Errors
     /// The first fault found.
-    pub fn from_file(name: &str, file: &[u8]) -> Result<(Header, Manifest), FormatError> {
-        let directory = container::open(name, file, FileKind::Manifest)?;
+    pub fn from_file(
+        name: &str,
+        file: &[u8],
+        limits: &Limits,
+    ) -> Result<(Header, Manifest), FormatError> {
+        let directory = container::open(name, file, FileKind::Manifest, limits)?;
         let read = || {
             let entry = directory.find(ChunkKind::Record, NO_DIRECTION)?;
             let manifest: Manifest = record_from_bytes(&directory.chunk(file, entry)?)?;
@@ -316,21 +321,22 @@ impl Manifest {
     /// higher sequence. Also says what is wrong with the other one, if anything is.
     ///
     /// # Errors
-    /// When none is there or sound, or one was made by a later version.
+    /// When none is there or sound, one was made by a later version, or one is beyond the limits.
     pub fn newest(
         field: &str,
         files: [Option<(String, Vec<u8>)>; 2],
+        limits: &Limits,
     ) -> Result<(Header, Manifest, Option<FormatError>), FormatError> {
         let mut best: Option<(Header, Manifest)> = None;
         let mut fault = None;
         for (name, bytes) in files.into_iter().flatten() {
-            match Manifest::from_file(&name, &bytes) {
+            match Manifest::from_file(&name, &bytes, limits) {
                 Ok((header, manifest)) => {
                     if best.as_ref().is_none_or(|(_, m)| m.sequence < manifest.sequence) {
                         best = Some((header, manifest));
                     }
                 }
-                Err(e) if e.fault.is_unsupported() => return Err(e),
+                Err(e) if e.fault.is_unsupported() || e.fault.is_limited() => return Err(e),
                 Err(e) => fault = Some(e),
             }
         }
