@@ -210,7 +210,11 @@ pub fn shoot(
         }
         let double = shared.directions.shares(id) == 2;
         if let Some(few) = cycle.few.filter(|_| number > 0) {
-            let sends = |surface, point| line.may_send(&few, surface, point);
+            let is_mirror = |s: SurfaceId| shared.scene.material_of(s).reflectance.is_mirror();
+            let sends = |surface, point| {
+                let sends = |sense| line.may_send(&few, (surface, point, FAR), sense);
+                !is_mirror(surface) || [Sense::Along, Sense::Against].into_iter().any(sends)
+            };
             scratch.layers.rasterise_through(shared.outlines, &psf, few.senders, sends);
             match double {
                 true => line.through_window::<2, 0>(scratch),
@@ -513,44 +517,41 @@ impl Line<'_> {
         let surface = SurfaceId(self.shared.texels.surface_of[fragment.texel() as usize]);
         let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
         let place = (surface, self.psf.unproject(x, y, fragment.depth()), gap);
-        let few = self.cycle.few.and_then(|few| few.paths);
-        if few.is_some_and(|few| self.shown(&few, place, sense).is_black()) {
+        if self.cycle.few.is_some_and(|few| !self.may_send(&few, place, sense)) {
             return FROM_OUTSIDE;
         }
         scratch.tally.gathers += 1;
         self.shared.quantum.fixed(self.shown(paths, place, sense))
     }
 
-    /// What a mirror shows at a point, seen from a distance along the PSF's direction.
-    fn shown(
-        &self,
-        paths: &Paths,
-        (surface, point, distance): (SurfaceId, Vec3, f32),
-        sense: Sense,
-    ) -> Rgb {
-        let Shared { scene, texels, quantum, .. } = *self.shared;
+    /// A mirror's point, as it is met by who looks at it from a distance against the way that it sends.
+    fn met(&self, (surface, point, distance): (SurfaceId, Vec3, f32), sense: Sense) -> (Vec3, Hit) {
         let outgoing = self.psf.direction * sense.sign();
-        let side = Side::facing(scene.surface(surface).normal.dot(outgoing));
-        let hit = Hit { surface, point, distance, side };
-        paths.radiance(-outgoing, &hit, self.cycle.number == 0, |end| {
+        let side = Side::facing(self.shared.scene.surface(surface).normal.dot(outgoing));
+        (-outgoing, Hit { surface, point, distance, side })
+    }
+
+    /// What a mirror sends from a point over a distance.
+    fn shown(&self, paths: &Paths, place: (SurfaceId, Vec3, f32), sense: Sense) -> Rgb {
+        let Shared { scene, texels, quantum, .. } = *self.shared;
+        let (dir, hit) = self.met(place, sense);
+        paths.radiance(dir, &hit, self.cycle.number == 0, |end| {
             let texel = texels.at(end.surface, scene.surface(end.surface), end.point);
             let home = self.shared.outlines.homes.of(scene, texels, texel, end.point) as usize;
             quantum.radiance(self.cycle.current[2 * home + end.side.index()])
         })
     }
 
-    /// Whether one of few senders may send from a point along the PSF's direction or against it.
-    fn may_send(&self, few: &Few, surface: SurfaceId, point: Vec3) -> bool {
+    /// Whether one of few senders may send from a point.
+    fn may_send(&self, few: &Few, place: (SurfaceId, Vec3, f32), sense: Sense) -> bool {
         let Some(paths) = &few.paths else { return true };
-        let texel = self.shared.texels.lattices[surface.index()].first;
-        let is_open = |sense: Sense| {
-            let outgoing = self.psf.direction * sense.sign();
-            let side = Side::facing(self.shared.scene.surface(surface).normal.dot(outgoing));
-            !self.cycle.sealed.has(2 * texel as usize + side.index())
-        };
-        let shows = |sense| !self.shown(paths, (surface, point, FAR), sense).is_black();
-        !self.shared.scene.material_of(surface).reflectance.is_mirror()
-            || [Sense::Along, Sense::Against].into_iter().any(|s| is_open(s) && shows(s))
+        let (dir, hit) = self.met(place, sense);
+        let texel = self.shared.texels.lattices[place.0.index()].first as usize;
+        if self.cycle.sealed.has(2 * texel + hit.side.index()) {
+            return false;
+        }
+        let emits = |s: SurfaceId| !self.shared.scene.material_of(s).emitted.is_black();
+        paths.may_send(dir, &hit, |hit| hit.side == Side::Front && emits(hit.surface))
     }
 
     /// What a mirror sends from its fragment in a cell, from what has arrived at it.
