@@ -150,7 +150,7 @@ fn shoot_one_direction(bencher: Bencher) {
         current: &current,
         pages: None,
         paths: None,
-        perturbations: 1,
+        grids: 0..1,
         senders: None,
         sealed: &sealed,
     };

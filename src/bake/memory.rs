@@ -129,6 +129,12 @@ fn corners(scene: &Scene) -> u64 {
     polygons.map(|p| p.vertices.len() as u64).sum()
 }
 
+/// Bytes for each texture value while light is propagated: what is shot, every worker's sums of both
+/// halves, and when a cycle ends the total and next maps of all lines and of half of them, and areas.
+pub fn texture_bytes(threads: u64) -> u64 {
+    32 + 2 * 32 * threads + 4 * 12 + 8
+}
+
 /// Bytes that a bake needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Need {
@@ -162,7 +168,7 @@ impl Need {
             layers + clip + 6 * extent.mirror_map + extent.excerpts + mirrors * Scratch::A_MIRROR;
         let waiting = (WAITING + WRITERS) as u64;
         let propagating = scene
-            + values * 32 * (1 + threads)
+            + values * texture_bytes(threads)
             + threads * scratch
             + waiting * 2 * extent.mirror_map;
         let totals = scene

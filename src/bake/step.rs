@@ -4,6 +4,7 @@
 //! receivers (added to the worker's own), and the direction's tile maps of the next generation. A pure
 //! function of its inputs, so that a step may be done again, in any order, by any thread.
 
+use super::estimate::half_of;
 use super::exchange;
 use super::layers::{Fragment, Layers, Outlines, projections};
 use super::ledger::{Tally, channels};
@@ -25,6 +26,7 @@ use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
 use crate::visible::Hit;
+use std::ops::Range;
 
 /// What all steps of a bake share.
 pub struct Shared<'a> {
@@ -67,8 +69,8 @@ pub struct Cycle<'a> {
     pub pages: Option<&'a Pages>,
     /// Where mirrors' light is found by following its path; `None`: in their unshot maps.
     pub paths: Option<Paths<'a>>,
-    /// PSFs each direction stands for.
-    pub perturbations: u32,
+    /// Which of the PSFs that each direction stands for.
+    pub grids: Range<u32>,
     /// The surfaces that send, when these are few: perturbed PSFs have only the lines that meet one of
     /// them, and the lines are counted in the unperturbed ones alone.
     pub senders: Option<&'a [bool]>,
@@ -86,9 +88,9 @@ impl Cycle<'_> {
 /// A worker's own memory, reused from step to step.
 pub struct Scratch {
     layers: Layers,
-    /// Sums over lines, two a texel, and one for the space outside, which is taken into the tally tile
-    /// by tile.
-    pub sums: Vec<Fixed>,
+    /// Sums over the lines of each half, two a texel, and one for the space outside, which is taken
+    /// into the tally tile by tile; see [`half_of`](super::estimate::half_of).
+    pub sums: [Vec<Fixed>; 2],
     /// Sums for the ledger.
     pub tally: Tally,
     senders: Vec<Option<MirrorSender>>,
@@ -141,7 +143,7 @@ impl Scratch {
         let mirrors = texels.len() - texels.diffuse as usize;
         Scratch {
             layers: Layers::default(),
-            sums: vec![[0; 4]; 2 * texels.len() + 1],
+            sums: [0, 1].map(|_| vec![[0; 4]; 2 * texels.len() + 1]),
             pairs: Vec::new(),
             cells: Vec::new(),
             projections: Vec::new(),
@@ -187,9 +189,9 @@ pub fn shoot(
     scratch: &mut Scratch,
 ) -> Result<Option<Made>, FieldError> {
     let mut made = None;
-    for number in 0..cycle.perturbations {
+    for number in cycle.grids.clone() {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
-        let line = Line { shared, cycle, psf: &psf };
+        let line = Line { shared, cycle, psf: &psf, half: half_of(id, number) };
         if line.clips() {
             projections(shared.outlines, &psf, &mut scratch.projections);
         }
@@ -223,6 +225,8 @@ struct Line<'a> {
     shared: &'a Shared<'a>,
     cycle: &'a Cycle<'a>,
     psf: &'a Psf,
+    /// Which half of all lines they belong to.
+    half: usize,
 }
 
 /// Lines whose window is transferred at once.
@@ -377,6 +381,7 @@ impl Line<'_> {
     /// from finding the pairs, so that the processor can wait for many texels at once.
     fn transfer<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
         let Scratch { pairs, cells, sums, flow, tally, clip, projections, .. } = scratch;
+        let sums = &mut sums[self.half];
         let current = self.cycle.current;
         if self.clips() {
             let (ground, pairs) = (self.ground(projections), (cells.as_slice(), pairs.as_slice()));
@@ -469,14 +474,14 @@ impl Line<'_> {
         scratch: &mut Scratch,
     ) {
         match receiver {
-            None => add::<SHARES, COUNTS>(&mut scratch.sums[self.cycle.outside()], line),
+            None => add::<SHARES, COUNTS>(&mut scratch.sums[self.half][self.cycle.outside()], line),
             Some((_, f)) if f.texel() < self.shared.texels.diffuse && self.clips() => {
                 // The other end is a mirror: these are still the taps of this one.
                 let taps = scratch.clip.last_taps();
-                clip::share_out::<SHARES, COUNTS>(line, taps, &mut scratch.sums);
+                clip::share_out::<SHARES, COUNTS>(line, taps, &mut scratch.sums[self.half]);
             }
             Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
-                add::<SHARES, COUNTS>(&mut scratch.sums[f.value(sense)], line);
+                add::<SHARES, COUNTS>(&mut scratch.sums[self.half][f.value(sense)], line);
             }
             Some((k, f)) => {
                 self.arrive::<SHARES, COUNTS>(f, line, &mut scratch.flow);

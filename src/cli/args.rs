@@ -120,6 +120,11 @@ pub struct Baking {
     /// How many lines to spend
     #[arg(long, value_enum, default_value = "preview")]
     pub quality: QualityName,
+    /// The relMSE that pictures should have about: each cycle ends with as few grids as bring its noise
+    /// down to that, at most those of --quality or --perturb; 0: always these [default: 0.0007 with
+    /// `--quality final`, else 0]
+    #[arg(long, value_name = "E")]
+    pub target_error: Option<f64>,
     /// Memory that the bake may hold
     #[arg(long, default_value = "512MiB")]
     pub memory: ByteSize,

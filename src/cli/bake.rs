@@ -85,6 +85,10 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         transfer: a.transfer.into(),
         specular: a.specular.into(),
         resample: a.resample.is_on(),
+        target_error: a.target_error.unwrap_or(match a.perturb {
+            Some(_) => 0.0,
+            None => quality.target_error(),
+        }),
     }
 }
 
@@ -104,7 +108,11 @@ pub fn threads(asked: Option<usize>) -> anyhow::Result<usize> {
 
 /// Parameters of a quality at the default size.
 pub fn defaults(quality: Quality) -> Parameters {
-    Parameters { perturbations: quality.perturbations(), ..Parameters::default() }
+    Parameters {
+        perturbations: quality.perturbations(),
+        target_error: quality.target_error(),
+        ..Parameters::default()
+    }
 }
 
 /// Seconds between commits, and whether they are synced.

@@ -80,6 +80,8 @@ pub enum ChunkKind {
     Arrived = 7,
     /// Total radiance maps L_T.
     Total = 8,
+    /// Total texture map from half of the lines.
+    HalfTexture = 9,
 }
 
 /// How a chunk's bytes are stored.
@@ -94,7 +96,7 @@ pub enum Codec {
 
 fn chunk_kind(v: u32) -> Result<ChunkKind, Fault> {
     use ChunkKind::*;
-    [Record, Scene, TotalTexture, CurrentTexture, Sums, Unshot, Arrived, Total]
+    [Record, Scene, TotalTexture, CurrentTexture, Sums, Unshot, Arrived, Total, HalfTexture]
         .into_iter()
         .find(|k| *k as u32 == v)
         .ok_or_else(|| Fault::invalid(format!("unknown chunk kind {v}")))
@@ -279,7 +281,7 @@ fn may_hold(file: FileKind, chunk: ChunkKind) -> bool {
     match file {
         FileKind::Manifest => chunk == Record,
         FileKind::Scene => chunk == Scene,
-        FileKind::Textures => matches!(chunk, TotalTexture | CurrentTexture),
+        FileKind::Textures => matches!(chunk, TotalTexture | CurrentTexture | HalfTexture),
         FileKind::Sums => chunk == Sums,
         FileKind::Tiles => matches!(chunk, Unshot | Arrived | Total),
         FileKind::Pack => matches!(chunk, Record | Scene | TotalTexture | Total),
@@ -291,7 +293,9 @@ fn most_raw(kind: ChunkKind, header: &Header) -> u64 {
     match kind {
         ChunkKind::Record => limits::META,
         ChunkKind::Scene => limits::CHUNK,
-        ChunkKind::TotalTexture | ChunkKind::CurrentTexture => limits::TEXTURE,
+        ChunkKind::TotalTexture | ChunkKind::CurrentTexture | ChunkKind::HalfTexture => {
+            limits::TEXTURE
+        }
         ChunkKind::Sums => limits::SUMS,
         ChunkKind::Unshot | ChunkKind::Arrived | ChunkKind::Total => {
             tiles::most_bytes(header.resolution, header.tile, header.surfaces).min(limits::CHUNK)
@@ -543,6 +547,7 @@ impl Directory {
         let (header, chunks, _) = Header::parse(block, file_len)?;
         let limit = match header.kind {
             FileKind::Pack => 3 + u64::from(header.directions),
+            FileKind::Textures => 3,
             _ => 2,
         };
         if chunks > limit {

@@ -159,7 +159,9 @@ pub mod limits {
     /// Bytes of a texture map: two values of three f32 a texel.
     pub const TEXTURE: u64 = 24 * TEXELS;
     /// Bytes of the sums of a cycle: ten of sixteen bytes, and two times four of eight a texel.
-    pub const SUMS: u64 = 10 * 16 + 64 * TEXELS;
+    pub const SUMS: u64 = 10 * 16 + 128 * TEXELS;
+    /// Surfaces whose error a record states.
+    pub const WORST: usize = 64;
     /// Bytes of the manifest's record.
     pub const META: u64 = 64 << 20;
 }

@@ -229,7 +229,11 @@ impl Rehearsal {
         pages: u64,
         options: &Options,
     ) -> Result<Rehearsal, BakeError> {
-        let parameters = Parameters { directions: lines, ..shared.parameters.clone() };
+        // Fewer lines are noisier: what ends a cycle's rounds must come as late with them as with all.
+        let all = f64::from(shared.parameters.directions);
+        let target_error = (shared.parameters.target_error * all / f64::from(lines)).min(1.0);
+        let parameters =
+            Parameters { directions: lines, target_error, ..shared.parameters.clone() };
         let threads = options.threads.max(1) as u64;
         let need = {
             let directions = Directions::with_lines(lines);
@@ -332,23 +336,23 @@ impl Rehearsal {
         let Marks { begun, sweeps, reports, commits, ended } = &self.marks;
         let lines = f64::from(self.lines);
         let all = f64::from(shared.parameters.directions);
-        let counts = &shared.parameters.perturbations;
         let mut steps = Steps { processor: processor_seconds().is_some(), ..Steps::default() };
         let mut before = *begun;
         for (k, ((totals, cycle), reports)) in reports.iter().enumerate() {
             let (Some(first), Some(last)) = (reports.first(), reports.last()) else { continue };
             // The axes take too large a part of few lines; perturbed ones are away from them.
-            let perturbations = counts[(*cycle as usize).min(counts.len() - 1)];
-            let turned = if *totals { 0.0 } else { f64::from(perturbations - 1) };
+            let grids = self.manifest.grids.get(*cycle as usize).copied().unwrap_or(1);
+            let turned = if *totals { 0.0 } else { f64::from(grids.max(1) - 1) };
             let fragments = (turned + sample.fragments) / (turned + 1.0);
             let direction = self.direction(reports);
+            let rounds = (reports.len() as f64 / lines).max(1.0);
             let begun = direction.map(|s| s * f64::from(self.threads));
             let preparing = (*first - before - begun).at_least_none();
             // The first commit is that of the empty field.
             let end = if *totals { *ended } else { commits.get(k + 1).copied().unwrap_or(*last) };
             let rest = (end - *last).at_least_none();
             let step = direction
-                .map(|s| s * all * fragments)
+                .map(|s| s * all * rounds * fragments)
                 .and(self.files((k, *totals), sample, all))
                 .and(rest);
             if k == 0 {
