@@ -14,6 +14,7 @@ use vlf::bake::transfer::clip::{Clip, Ground, Projection};
 use vlf::bake::transfer::{Fixed, Quantum, add};
 use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
+use vlf::format::manifest::Grids;
 use vlf::format::tiles::{Layout, exponent_for};
 use vlf::scene::cuts::Cuts;
 use vlf::scene::texels::Texels;
@@ -151,7 +152,8 @@ fn shoot_one_direction(bencher: Bencher) {
         pages: None,
         paths: None,
         grids: 0..1,
-        senders: None,
+        thinned: 0,
+        few: None,
         sealed: &sealed,
     };
     let mut scratch = Scratch::new(&OFFICE.texels);
@@ -244,9 +246,16 @@ fn total_map(bencher: Bencher) {
     let shared = OFFICE.shared();
     let total = emission(&OFFICE.scene, &OFFICE.texels);
     let lit = totals::lit_sides(&OFFICE.texels, &total);
+    let sealed = Sealed::none(2 * OFFICE.texels.len());
     let mut scratch = totals::Scratch::default();
     bencher.bench_local(|| {
-        totals::total_map(&shared, black_box(LINE), (&total, &lit), Mirrors::None, &mut scratch)
+        totals::total_map(
+            &shared,
+            black_box(LINE),
+            (&total, &lit),
+            (Mirrors::None, &sealed),
+            &mut scratch,
+        )
     });
 }
 
@@ -268,8 +277,10 @@ fn check_a_tile_map(bencher: Bencher) {
     let shared = OFFICE.shared();
     let total = emission(&OFFICE.scene, &OFFICE.texels);
     let lit = totals::lit_sides(&OFFICE.texels, &total);
+    let sealed = Sealed::none(2 * OFFICE.texels.len());
     let mut scratch = totals::Scratch::default();
-    let map = totals::total_map(&shared, LINE, (&total, &lit), Mirrors::None, &mut scratch);
+    let map =
+        totals::total_map(&shared, LINE, (&total, &lit), (Mirrors::None, &sealed), &mut scratch);
     let surfaces = OFFICE.scene.surfaces.len() as u32;
     bencher
         .counter(divan::counter::BytesCount::new(map.len()))

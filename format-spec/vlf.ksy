@@ -249,6 +249,11 @@ types:
         type: u4
         repeat: expr
         repeat-expr: num_perturbations
+      - id: thinned
+        type: u4
+        valid:
+          max: 9
+        doc: Later cycles have only the lines of a lattice with steps 2^thinned times as long.
       - id: texel_cells
         type: f8
         valid:
@@ -347,7 +352,7 @@ types:
         doc: The record ends with the chunk.
     instances:
       len_identity:
-        value: 71 + 4 * has_cycles + 4 * num_perturbations
+        value: 75 + 4 * has_cycles + 4 * num_perturbations
       identity_bytes:
         pos: 0
         size: len_identity

@@ -144,6 +144,27 @@ impl Directions {
         2.0 / 3.0 * 4.0 * PI / (8.0 * f64::from(self.steps) * f64::from(self.steps))
     }
 
+    /// Whether a line is also one of the lattice whose steps are `2^halvings` times as long, whose
+    /// [`Directions::share`] is `4^halvings` times as large.
+    pub fn is_in_coarser(&self, id: DirectionId, halvings: u32) -> bool {
+        let (x, y) = self.places[id.index()];
+        let step = 1 << halvings.min(self.most_halvings());
+        x % step == 0 && y % step == 0
+    }
+
+    /// 0 or 1: lines that are neighbours along rows or columns of the lattice, or of the one that is
+    /// coarser by so many halvings, have different ones, as the fields of a chessboard.
+    pub fn colour(&self, id: DirectionId, halvings: u32) -> u32 {
+        let (x, y) = self.places[id.index()];
+        let halvings = halvings.min(self.most_halvings());
+        ((x >> halvings) + (y >> halvings)).rem_euclid(2) as u32
+    }
+
+    /// How often the steps can be doubled.
+    pub fn most_halvings(&self) -> u32 {
+        self.steps.ilog2()
+    }
+
     /// The unit vector at `offset` lattice steps from a line, each component in [-1/2, 1/2]: a
     /// sample of the line's own solid angle (section 5, perturbation). Over all lines the boxes of
     /// one step tile the sphere of lines once, with equal area.

@@ -20,7 +20,8 @@ pub const CORRUPT: u8 = 4;
 /// It may be good, but this version cannot read it.
 pub const UNSUPPORTED: u8 = 5;
 const LOCKED: u8 = 6;
-const LIMIT: u8 = 7;
+/// More than a limit allows.
+pub const LIMIT: u8 = 7;
 const IDENTITY: u8 = 8;
 
 /// A mistake in what was asked for.

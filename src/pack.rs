@@ -5,12 +5,14 @@
 //! every map checked on the way, so that what is packed is sound. The same field gives the same bytes.
 
 use crate::field::files::read_chunk;
+use crate::field::storage::Storage;
 use crate::field::storage::disk::Disk;
 use crate::field::{FieldError, read_manifest};
 use crate::format::container::{
     ChunkId, ChunkKind, Codec, ContainerWriter, Directory, FIRST_BLOCK, FileKind, Header,
     NO_DIRECTION, encode,
 };
+use crate::format::limits::Limits;
 use crate::format::manifest::{Manifest, Phase, Statistics, record_to_bytes};
 use crate::format::names;
 use crate::format::tiles::Layout;
@@ -72,12 +74,25 @@ pub fn pack(
     codec: Codec,
     progress: &(dyn Fn(f32) + Sync),
 ) -> Result<PackReport, PackError> {
-    let storage = Disk::new(field);
-    let (header, mut manifest) = read_manifest(&storage)?;
+    pack_from(&Disk::new(field), out, codec, progress)
+}
+
+/// The same from any storage, within its limits.
+///
+/// # Errors
+/// As [`pack`].
+pub fn pack_from(
+    storage: &dyn Storage,
+    out: &Path,
+    codec: Codec,
+    progress: &(dyn Fn(f32) + Sync),
+) -> Result<PackReport, PackError> {
+    let field = storage.place();
+    let (header, mut manifest) = read_manifest(storage)?;
     if manifest.phase != Phase::Finished {
         return Err(PackError::Unfinished(field.to_owned()));
     }
-    may_replace(out)?;
+    may_replace(out, &storage.limits())?;
     let failed = |source| PackError::Io { path: out.to_owned(), source };
     let folder = match out.parent() {
         Some(p) if p != Path::new("") => p,
@@ -107,9 +122,9 @@ pub fn pack(
     let cycle = manifest.cycle;
     let id = |kind, direction| ChunkId { kind, cycle, direction };
     let scene =
-        read_chunk(&storage, names::SCENE, FileKind::Scene, (ChunkKind::Scene, NO_DIRECTION))?;
+        read_chunk(storage, names::SCENE, FileKind::Scene, (ChunkKind::Scene, NO_DIRECTION))?;
     let textures = read_chunk(
-        &storage,
+        storage,
         &names::textures(cycle),
         FileKind::Textures,
         (ChunkKind::TotalTexture, NO_DIRECTION),
@@ -131,7 +146,7 @@ pub fn pack(
         let encoded: Vec<Result<_, PackError>> = block
             .par_iter()
             .map(|d| {
-                let (raw, values) = checked_map(&storage, &header, &manifest, *d)?;
+                let (raw, values) = checked_map(storage, &header, &manifest, *d)?;
                 let stored = encode(codec, &raw).map_err(failed)?.into_owned();
                 Ok((*d, raw.len() as u64, stored, values))
             })
@@ -156,7 +171,7 @@ pub fn pack(
 
 /// The total radiance map of a direction, checked, and how many values it stores.
 fn checked_map(
-    storage: &Disk,
+    storage: &dyn Storage,
     header: &Header,
     manifest: &Manifest,
     direction: u32,
@@ -171,7 +186,7 @@ fn checked_map(
 }
 
 /// Refuses to replace anything but an earlier pack.
-fn may_replace(out: &Path) -> Result<(), PackError> {
+fn may_replace(out: &Path, limits: &Limits) -> Result<(), PackError> {
     match fs::symlink_metadata(out) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
         Err(source) => Err(PackError::Io { path: out.to_owned(), source }),
@@ -181,7 +196,7 @@ fn may_replace(out: &Path) -> Result<(), PackError> {
                 let read = fs::File::open(out)
                     .and_then(|f| f.take(FIRST_BLOCK as u64).read_to_end(&mut head));
                 read.map_err(|source| PackError::Io { path: out.to_owned(), source })?;
-                Directory::length(&head, data.len()).is_ok_and(|_| {
+                Directory::length(&head, data.len(), limits).is_ok_and(|_| {
                     // A pack's directory begins right behind the first block, which says its kind.
                     head.get(40..44) == Some(&(FileKind::Pack as u32).to_le_bytes())
                 })

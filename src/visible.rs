@@ -74,9 +74,14 @@ struct Plane {
 impl Visible {
     /// Builds the hierarchy: about 5 microseconds a triangle.
     pub fn new(scene: &Scene) -> Visible {
+        Visible::of(scene, |_| true)
+    }
+
+    /// The same as if the scene had no other surfaces than some of its own.
+    pub fn of(scene: &Scene, some: impl Fn(SurfaceId) -> bool) -> Visible {
         let mut facets = Vec::new();
         let mut triangles = Vec::new();
-        for id in scene.surface_ids() {
+        for id in scene.surface_ids().filter(|id| some(*id)) {
             let surface = scene.surface(id);
             for polygon in &surface.polygons {
                 for corners in triangulate::triangles(polygon) {

@@ -337,6 +337,79 @@ fn a_field_in_use_and_a_field_of_another_bake_are_left_alone() {
     assert!(read() == before);
 }
 
+/// Strings in files do nothing to the terminal, are cut short, and name no file.
+#[test]
+fn strings_from_files_are_inert() {
+    const EVIL: &str = "\u{1b}]0;title\u{7}\u{1b}[31m../../evil\u{202e}";
+    const SHOWN: &str = "\\u{1b}]0;title\\u{7}\\u{1b}[31m../../evil\\u{202e}";
+    let folder = folder();
+    let long = format!("{EVIL}{}", "x".repeat(3000));
+    let said = |args: &[&str], word: &str| {
+        let output = vlf(&folder).args(args).output().unwrap();
+        let all = [output.stdout, output.stderr].concat();
+        let all = String::from_utf8(all).unwrap();
+        let is_inert = |c: char| c == '\n' || !c.is_control() && c != '\u{202e}';
+        assert!(all.chars().all(is_inert), "{args:?}: {all:?}");
+        assert!(all.lines().all(|l| l.len() < 600), "{args:?}: {all}");
+        assert!(all.contains(word), "{args:?}: no `{word}` in {all}");
+        all
+    };
+    // A material's name: in the OBJ, the field and the pack.
+    let [obj, mtl] = [&format!("mtllib box.mtl\n{BOX_ON_A_FLOOR}"), WHITE_AND_LAMP]
+        .map(|text| text.replace("white", &long));
+    write(&folder, "box.obj", &obj);
+    write(&folder, "box.mtl", &format!("{mtl}map_Ks x.png\n").replace("Ke", "map_Bump b.png\nKe"));
+    said(&bake("box.field", &[]), "");
+    said(&["info", "box.field"], "finished");
+    said(&["verify", "box.field"], "sound");
+    let eye = ["--eye=0,0,0", "--target=0,1,0", "-o", "box.png"];
+    said(&[&["render", "box.field"], &eye[..]].concat(), "");
+    // One that no library defines; a library that is not there; a word for a number.
+    write(&folder, "box.mtl", WHITE_AND_LAMP);
+    said(&bake("other.field", &[]), SHOWN);
+    write(&folder, "no.obj", &format!("mtllib {long}\n{BOX_ON_A_FLOOR}"));
+    said(&["bake", "no.obj", "-o", "no.field"], SHOWN);
+    write(&folder, "no.obj", &format!("v 0 0 {EVIL}\n"));
+    said(&["bake", "no.obj", "-o", "no.field"], "is not a number");
+    let longer = BOX_ON_A_FLOOR.replace("white", &"x".repeat(4097));
+    write(&folder, "no.obj", &longer);
+    said(&["bake", "no.obj", "-o", "no.field"], "more than 4096 bytes");
+    // A camera's field.
+    let escaped = serde_json::to_string(&long).unwrap();
+    write(&folder, "eye.json", &format!("{{{escaped}: 1}}"));
+    let camera = ["render", "box.field", "--camera", "eye.json", "-o", "box.png"];
+    said(&camera, "not a camera");
+    // Who holds a lock.
+    let held = Disk::new(&folder.path().join("box.field")).lock(&long).unwrap();
+    said(&bake("box.field", &[]), SHOWN);
+    drop(held);
+    assert!(!folder.path().join("../../evil").exists() && !folder.path().join("evil").exists());
+}
+
+/// Every command that opens what another may have made.
+#[test]
+fn a_limit_that_is_passed_is_named_with_its_flag() {
+    let folder = folder();
+    vlf(&folder).args(bake("box.field", &["--limit-surfaces", "8"])).assert().success();
+    let surfaces = ["--limit-surfaces", "1"];
+    let named = ["exceeds limit 1 (--limit-surfaces)"];
+    let eye: &[&str] = &["render", "-o", "box.png", "--eye=0,1,3", "--target=0,1,0", "box.field"];
+    for command in [&["info", "box.field"], &["verify", "box.field"], eye] {
+        refused(&folder, &[command, &surfaces].concat(), LIMIT, &named);
+    }
+    // The scene itself has as many polygons, a field of it as many surfaces.
+    for command in ["plan", "bake"] {
+        let asked = [command, "box.obj", "-o", "box.field", "--limit-surfaces", "1"];
+        let named = ["box.obj: number of polygons 2", named[0]];
+        refused(&folder, &asked, LIMIT, &named);
+    }
+    let resumed = bake("box.field", &["--limit-directions", "9"]);
+    refused(&folder, &resumed, LIMIT, &["direction count 33", "(--limit-directions)"]);
+    let short = bake("other.field", &["--limit-scene", "300"]);
+    refused(&folder, &short, LIMIT, &["exceeds limit 300 (--limit-scene)"]);
+    assert!(!folder.path().join("other.field").exists());
+}
+
 #[test]
 fn json_is_one_object_and_nothing_else() {
     let folder = folder();

@@ -14,7 +14,8 @@ use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use vlf::format::container::{Directory, ENTRY, FIRST_BLOCK};
-use vlf::format::{Fault, limits, names};
+use vlf::format::limits::{self, Limits};
+use vlf::format::{Fault, names};
 use vlf::look::lightfield::LookError;
 use vlf::{Directions, LightField};
 
@@ -141,7 +142,7 @@ fn every_truncation_is_refused() {
 fn lies_with_sound_hashes_are_refused_or_stay_in_bounds() {
     let mut patient = Patient::new("raw.vlf");
     let good = patient.good.clone();
-    let directory = Directory::parse(&good, good.len() as u64).unwrap();
+    let directory = Directory::parse(&good, good.len() as u64, &Limits::default()).unwrap();
     let mut taken = 0;
     for (k, entry) in directory.entries.iter().enumerate().take(5) {
         let own = FIRST_BLOCK + ENTRY * k..FIRST_BLOCK + ENTRY * (k + 1);
@@ -177,7 +178,10 @@ fn unknown_features_mean_what_their_mask_says() {
             bytes[mask + bit / 8] ^= 1 << (bit % 8);
             sealing::seal_head(&mut bytes).unwrap();
             let fault = patient.fault(&bytes, &|| format!("bit {bit} of the mask at {mask}"));
-            (fault, Directory::parse(&bytes, bytes.len() as u64).map(|d| d.header))
+            (
+                fault,
+                Directory::parse(&bytes, bytes.len() as u64, &Limits::default()).map(|d| d.header),
+            )
         };
         let (read, write, optional) = (with(16), with(24), with(32));
         let feature = Fault::Feature(bit as u32);
@@ -308,7 +312,7 @@ fn tampered_chunks_are_refused() {
             c[SCENE].put(1, raw, frame);
         }),
         ("a record of more zeros than a record may have", |c| {
-            let zeros = vec![0; limits::META as usize + 1];
+            let zeros = vec![0; limits::RECORD as usize + 1];
             c[RECORD].put(1, zeros.len(), frame(&zeros));
         }),
         ("a texture map of more zeros than there are texels", |c| {

@@ -49,6 +49,11 @@ fn scratch() {
     for path in var("FIELDS").split(',') {
         let e = read_manifest(&Disk::new(Path::new(path))).unwrap().1.error;
         let t = true_error(&LightField::open(Path::new(path)).unwrap(), &truth);
-        println!("{path}: true {t:.2e} estimate {:.2e} (noise {:.2e}) ratio {:.2}", e.relmse, e.noise, e.relmse / t);
+        println!(
+            "{path}: true {t:.2e} estimate {:.2e} (noise {:.2e}) ratio {:.2}",
+            e.relmse,
+            e.noise,
+            e.relmse / t
+        );
     }
 }

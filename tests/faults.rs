@@ -7,16 +7,16 @@ mod common;
 use common::store::{Left, Tiny, for_all, in_time, newest_commit};
 use common::{Dice, parameters, scene, stored};
 use std::io::ErrorKind;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use vlf::FieldError;
-use vlf::bake::{BakeError, Options, Outcome, bake_in};
+use std::sync::{Arc, Mutex};
+use vlf::bake::{BakeError, Options, Outcome, Progress, bake_in};
 use vlf::field::storage::Storage;
 use vlf::field::storage::faulty::{Faults, Faulty};
 use vlf::field::storage::memory::Memory;
 use vlf::field::{Terms, read_manifest};
 use vlf::format::manifest::Phase;
 use vlf::format::names;
+use vlf::{FieldError, Parameters};
 
 /// Bakes on a disk with faults. Returns what came of it, and the log.
 fn bake(
@@ -166,6 +166,84 @@ fn runs_full(tiny: &Tiny) {
         assert_eq!(Left::of(&*disk).same_as(&plain), Ok(()), "{told}");
     });
     println!("full {} times, {} of them with a commit", full.into_inner(), begun.into_inner());
+}
+
+/// Nothing that was done is lost with a full disk, however long ago the last commit was: the bake stops
+/// while there is room for one more.
+#[test]
+fn a_disk_that_runs_full_costs_no_direction() {
+    let bakes = [parameters(33, 32, 2), stored(parameters(33, 32, 2))];
+    bakes.iter().for_each(costs_no_direction);
+}
+
+fn costs_no_direction(parameters: &Parameters) {
+    let scene = scene("cornell_mirror");
+    let run = |disk: &Arc<Memory>, progress: &(dyn Fn(&Progress) + Sync)| {
+        let options = Options {
+            memory: 1 << 28,
+            threads: 2,
+            stop: &AtomicBool::new(false),
+            progress,
+            order: None,
+            commit_every: 1e9,
+            terms: Terms::default(),
+            force: true,
+        };
+        bake_in(disk.clone(), &scene, parameters, &options)
+    };
+    let whole = Arc::new(Memory::default());
+    assert_eq!(run(&whole, &|_| ()).unwrap(), Outcome::Finished);
+    let digest = read_manifest(&*whole).unwrap().1.digest;
+    let most = whole.used();
+    let (full, between) = (AtomicU64::new(0), AtomicU64::new(0));
+    for_all((most / 20..most + most / 2).step_by((most / 20) as usize), |capacity| {
+        let disk = Arc::new(Memory::with_capacity(capacity));
+        let told = format!("{capacity} bytes of {most}");
+        let done = Mutex::new(None);
+        let noted = |p: &Progress| {
+            let at = (p.cycle, p.phase == Phase::WritingTotals, p.done);
+            let mut done = done.lock().unwrap();
+            // Of two threads, the one that did less may say so last.
+            *done = (*done).max(Some(at).filter(|_| !p.preparing));
+        };
+        match run(&disk, &noted) {
+            Ok(_) => return,
+            Err(BakeError::Field(FieldError::Full { .. })) => {}
+            Err(other) => panic!("{told}: {other}"),
+        }
+        full.fetch_add(1, Ordering::Relaxed);
+        let Some(done) = done.into_inner().unwrap() else { return };
+        let now = read_manifest(&*disk).unwrap().1;
+        let committed = (now.cycle, now.phase == Phase::WritingTotals, now.done_count());
+        let next_step = done.2 == 33 && committed.2 == 0;
+        assert!(committed == done || next_step, "{told}: {committed:?} of {done:?} is kept");
+        between.fetch_add(u64::from(!next_step), Ordering::Relaxed);
+        // What goes on begins with the next direction.
+        disk.set_capacity(u64::MAX);
+        assert_eq!(run(&disk, &|_| ()).unwrap(), Outcome::Finished, "{told}");
+        assert_eq!(read_manifest(&*disk).unwrap().1.digest, digest, "{told}");
+    });
+    let (full, between) = (full.into_inner(), between.into_inner());
+    println!("full {full} times, {between} of them between two directions");
+    assert!(between >= 3, "only {between}");
+}
+
+#[test]
+fn without_locks_a_bake_is_refused_unless_its_user_is_sure() {
+    let tiny = Tiny::new();
+    let disk = Arc::new(Memory::default());
+    let faults = Faults { no_locks: true, ..Faults::default() };
+    let bake = |lock| {
+        let storage = Arc::new(Faulty::new(disk.clone(), faults));
+        Tiny { lock, ..tiny.clone() }.bake(storage)
+    };
+    let Err(BakeError::Field(error @ FieldError::NoLocks { .. })) = bake(true) else { panic!() };
+    let said = error.to_string();
+    assert!(said.contains("this filesystem has no locks"), "{said}");
+    assert!(said.contains("use --no-lock if you are sure"), "{said}");
+    assert_eq!(disk.list("").unwrap(), Vec::<String>::new(), "something was made");
+    assert_eq!(bake(false).unwrap(), Outcome::Finished);
+    assert_eq!(Left::of(&*disk).same_as(&tiny.undisturbed()), Ok(()));
 }
 
 /// Bits that have gone bad since they were written: a bake that goes on never says that it is

@@ -19,6 +19,7 @@ use vlf::field::Terms;
 use vlf::format::container::{
     self, ChunkKind, Codec, Directory, ENTRY, FIRST_BLOCK, FileKind, Header,
 };
+use vlf::format::limits::Limits;
 use vlf::format::manifest::{Manifest, Phase, Statistics, record_from_bytes};
 use vlf::format::tiles::{Layout, TileMap};
 use vlf::format::{Fault, FormatError};
@@ -235,14 +236,14 @@ fn with_chunk_moved(file: &[u8], chunk: usize, by: i64) -> Vec<u8> {
 
 /// The stored bytes of a chunk.
 fn chunk_of(file: &mut [u8], kind: ChunkKind) -> &mut [u8] {
-    let directory = Directory::parse(file, file.len() as u64).unwrap();
+    let directory = Directory::parse(file, file.len() as u64, &Limits::default()).unwrap();
     let entry = directory.entries.iter().find(|e| e.id.kind == kind).unwrap();
     &mut file[entry.offset as usize..][..entry.stored as usize]
 }
 
 /// Swaps the bytes of two maps of one length.
 fn with_two_chunks_swapped(pack: &[u8]) -> Vec<u8> {
-    let directory = Directory::parse(pack, pack.len() as u64).unwrap();
+    let directory = Directory::parse(pack, pack.len() as u64, &Limits::default()).unwrap();
     let bytes = |i: usize| {
         let entry = &directory.entries[i];
         entry.offset as usize..(entry.offset + entry.stored) as usize
@@ -287,6 +288,7 @@ fn parameters() -> Parameters {
         cycles: Some(3),
         unshot_fraction: 1e-3,
         perturbations: vec![1],
+        thinned: 0,
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
@@ -351,7 +353,7 @@ fn sample(name: &str) -> Vec<u8> {
 
 /// First block and every chunk, decoded.
 fn contents(file: &[u8]) -> (Header, Vec<(container::ChunkId, Vec<u8>)>) {
-    let directory = Directory::parse(file, file.len() as u64).unwrap();
+    let directory = Directory::parse(file, file.len() as u64, &Limits::default()).unwrap();
     let chunks = directory.entries.iter();
     let chunks = chunks.map(|e| (e.id, directory.chunk(file, e).unwrap().into_owned())).collect();
     (directory.header, chunks)
@@ -425,7 +427,8 @@ fn samples_are_those_of_this_version() {
         }
     }
     let manifest = |bytes: &[u8]| {
-        let (header, mut manifest) = Manifest::from_file("manifest", bytes).unwrap();
+        let (header, mut manifest) =
+            Manifest::from_file("manifest", bytes, &Limits::default()).unwrap();
         manifest.statistics = Statistics::default();
         (header, manifest)
     };
@@ -499,12 +502,13 @@ fn sound_samples_say_what_is_expected() {
     assert!((lamp[0] - 8.0).abs() < 0.01 && (lamp[2] - 6.0).abs() < 0.01, "{lamp:?}");
     assert!(looked_up(&raw)[0].iter().all(|c| *c > 0.1), "the floor is dark");
 
-    let (_, manifest) = Manifest::from_file("manifest", &kept["manifest"]).unwrap();
+    let (_, manifest) =
+        Manifest::from_file("manifest", &kept["manifest"], &Limits::default()).unwrap();
     assert_eq!((manifest.phase, manifest.cycle), (Phase::Propagating, 1));
     assert!(manifest.has_sums && manifest.done_count() == 1 && manifest.is_done(0));
     assert_eq!(manifest.parameters, parameters());
     let (header, chunks) = contents(&kept["scene"]);
-    assert_eq!(stored::from_bytes(&chunks[0].1).unwrap(), tiny_scene());
+    assert_eq!(stored::from_bytes(&chunks[0].1, &Limits::default()).unwrap(), tiny_scene());
     assert_eq!(manifest.scene_hash, XxHash3_128::oneshot(&chunks[0].1).to_le_bytes());
     let layout = bake::texels(&tiny_scene(), &parameters());
     for (_, bytes) in contents(&kept["textures"]).1 {
@@ -531,8 +535,8 @@ fn identity_and_digest_are_as_specified() {
     assert_eq!(header.field, XxHash3_128::oneshot(&record[..until_hash]).to_le_bytes());
     // A tile file's chunk has its own hash, which the pack's has too when it is stored alike.
     let tiles = sample("total.tiles");
-    let directory = Directory::parse(&tiles, tiles.len() as u64).unwrap();
-    let entry = Directory::parse(&pack, pack.len() as u64).unwrap().entries[3];
+    let directory = Directory::parse(&tiles, tiles.len() as u64, &Limits::default()).unwrap();
+    let entry = Directory::parse(&pack, pack.len() as u64, &Limits::default()).unwrap().entries[3];
     assert_eq!(directory.entries[0].hash, entry.hash);
     let mut seed = header.field.to_vec();
     seed.extend(8u32.to_le_bytes());
@@ -551,7 +555,7 @@ fn read_all(name: &str, bytes: &[u8]) -> Result<(), FormatError> {
         };
         return (0..9).try_for_each(|d| field.map(d).map(|_| ()));
     }
-    let directory = container::open(name, bytes, FileKind::Tiles)?;
+    let directory = container::open(name, bytes, FileKind::Tiles, &Limits::default())?;
     let Header { resolution, tile, surfaces, exponent, .. } = directory.header;
     let chunk = |entry| {
         let bytes = directory.chunk(bytes, entry)?;
@@ -603,7 +607,7 @@ fn the_first_block_is_as_specified() {
     is_gapless(&rows, FIRST_BLOCK);
     for (name, _) in SOUND {
         let file = sample(name);
-        let directory = Directory::parse(&file, file.len() as u64).unwrap();
+        let directory = Directory::parse(&file, file.len() as u64, &Limits::default()).unwrap();
         let h = &directory.header;
         let table = &file[FIRST_BLOCK..][..ENTRY * directory.entries.len()];
         for (offset, size, field) in &rows {
@@ -646,7 +650,7 @@ fn a_directory_entry_is_as_specified() {
     is_gapless(&rows, ENTRY);
     for (name, _) in SOUND {
         let file = sample(name);
-        let directory = Directory::parse(&file, file.len() as u64).unwrap();
+        let directory = Directory::parse(&file, file.len() as u64, &Limits::default()).unwrap();
         for (i, entry) in directory.entries.iter().enumerate() {
             for (offset, size, field) in &rows {
                 let bytes = &file[FIRST_BLOCK + ENTRY * i + offset..][..*size];
@@ -709,7 +713,7 @@ fn the_record_is_as_specified() {
         assert_eq!((r.u8(), r.u32()), (1, p.cycles.unwrap()));
         assert_eq!(r.f64(), p.unshot_fraction);
         assert_eq!(r.u64(), 1);
-        assert_eq!(r.u32(), p.perturbations[0]);
+        assert_eq!((r.u32(), r.u32()), (p.perturbations[0], p.thinned));
         assert_eq!((r.f64(), r.u32(), r.u8()), (p.texel_cells, p.filter, 0));
         assert_eq!((r.u32(), r.u32()), (p.transfer as u32, p.specular as u32));
         assert_eq!(r.u8(), 0);

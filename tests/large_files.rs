@@ -7,6 +7,7 @@ use vlf::field::files;
 use vlf::format::container::{
     ChunkId, ChunkKind, Codec, ContainerWriter, FileKind, Header, NO_DIRECTION,
 };
+use vlf::format::limits::Limits;
 use vlf::look::packed::{Access, PackFile};
 
 /// Leaves a hole where zeros are written.
@@ -67,7 +68,7 @@ fn chunks_are_found_beyond_four_gibibytes() {
     writer.finish().unwrap().0.set_len(length).unwrap();
     assert!(length > 1 << 32);
 
-    let mut opened = files::open_at(&path, FileKind::Pack).unwrap();
+    let mut opened = files::open_at(&path, FileKind::Pack, &Limits::default()).unwrap();
     for (direction, beyond) in [(0, 0), (2, 1u64 << 31), (4, 1 << 32)] {
         let expected = [b'a' + direction as u8; 100];
         let entry = opened.find(ChunkKind::Total, direction).unwrap();
@@ -75,7 +76,7 @@ fn chunks_are_found_beyond_four_gibibytes() {
         assert_eq!(opened.chunk(&entry).unwrap(), expected);
         for access in [Access::Mapped, Access::Read] {
             let file = PackFile::open(&path, access).unwrap();
-            let directory = file.directory().unwrap();
+            let directory = file.directory(&Limits::default()).unwrap();
             assert_eq!(*file.chunk(&directory, &entry).unwrap(), expected, "{access:?}");
         }
     }

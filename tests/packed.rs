@@ -5,10 +5,18 @@ mod common;
 
 use common::{Baked, camera, parameters, picture, scene};
 use std::fs;
+use std::path::Path;
 use vlf::LightField;
 use vlf::format::container::Codec;
+use vlf::format::limits::Limits;
+use vlf::look::lightfield::LookError;
+use vlf::look::packed::Access;
 use vlf::look::render::method::Method;
 use vlf::pack::pack;
+
+fn open_unmapped(path: &Path) -> Result<LightField, LookError> {
+    LightField::open_within(path, Access::Read, &Limits::default())
+}
 
 #[test]
 fn field_raw_pack_and_compressed_pack_give_the_same_pictures() {
@@ -28,8 +36,8 @@ fn field_raw_pack_and_compressed_pack_give_the_same_pictures() {
     let packs = [
         (LightField::open(&raw).unwrap(), "raw"),
         (LightField::open(&zstd).unwrap(), "zstd"),
-        (LightField::open_unmapped(&raw).unwrap(), "raw, read"),
-        (LightField::open_unmapped(&zstd).unwrap(), "zstd, read"),
+        (open_unmapped(&raw).unwrap(), "raw, read"),
+        (open_unmapped(&zstd).unwrap(), "zstd, read"),
     ];
     for method in [Method::Trace, Method::Field] {
         let expected = picture(&field, &camera, method, 2);
@@ -72,7 +80,7 @@ fn a_pack_that_is_replaced_while_it_is_open_stays_what_it_was() {
     for codec in [Codec::Raw, Codec::Zstd] {
         let path = old.path.with_extension("vlf");
         pack(&old.path, &path, codec, &|_| {}).unwrap();
-        let open = [LightField::open(&path).unwrap(), LightField::open_unmapped(&path).unwrap()];
+        let open = [LightField::open(&path).unwrap(), open_unmapped(&path).unwrap()];
         pack(&new.path, &path, codec, &|_| {}).unwrap();
         assert_eq!(LightField::open(&path).unwrap().scene.surfaces.len(), 2);
         for field in open {
@@ -87,7 +95,7 @@ fn a_pack_that_is_cut_short_while_it_is_read_is_damaged() {
     let baked = Baked::new(&scene("cornell_mirror"), &parameters(33, 16, 2));
     let path = baked.path.with_extension("vlf");
     pack(&baked.path, &path, Codec::Raw, &|_| {}).unwrap();
-    let field = LightField::open_unmapped(&path).unwrap();
+    let field = open_unmapped(&path).unwrap();
     field.map(0).unwrap();
     let length = fs::metadata(&path).unwrap().len();
     let file = fs::File::options().write(true).open(&path).unwrap();

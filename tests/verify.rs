@@ -21,6 +21,7 @@ use vlf::field::storage::memory::Memory;
 use vlf::field::storage::{Input, Lock, LockError, Output, Storage};
 use vlf::field::{FieldError, read_manifest};
 use vlf::format::container::{Codec, Directory};
+use vlf::format::limits::Limits;
 use vlf::format::manifest::{Manifest, Phase};
 use vlf::look::render::method::{mark, take_tolerant};
 use vlf::pack::pack;
@@ -149,7 +150,7 @@ fn sound_packs_are_sound() {
     for (codec, name) in [(Codec::Raw, "raw.vlf"), (Codec::Zstd, "zstd.vlf")] {
         let path = folder.path().join(name);
         pack(&field, &path, codec, &|_| ()).unwrap();
-        let report = verify::pack(&path, &|_| ()).unwrap();
+        let report = verify::pack(&path, &Limits::default(), &|_| ()).unwrap();
         assert!(report.is_sound(), "{name}: {:?}", report.findings);
         assert_eq!((report.files, report.chunks), (1, 3 + 33));
         assert_eq!(report.bytes, fs::metadata(&path).unwrap().len());
@@ -169,7 +170,7 @@ fn a_damaged_chunk_of_a_pack_is_named_and_hides_no_other() {
     let path = folder.path().join("room.vlf");
     pack(&field, &path, Codec::Zstd, &|_| ()).unwrap();
     let good = fs::read(&path).unwrap();
-    let directory = Directory::parse(&good, good.len() as u64).unwrap();
+    let directory = Directory::parse(&good, good.len() as u64, &Limits::default()).unwrap();
     let mut bad = good.clone();
     for chunk in [0, 2, 3 + 7, 3 + 32] {
         bad[directory.entries[chunk].offset as usize + 20] ^= 1;
@@ -551,7 +552,8 @@ fn every_flipped_bit_of_a_pack_is_found() {
             let mut bad = good.clone();
             bad[bit / 8] ^= 1 << (bit % 8);
             fs::write(&path, bad).unwrap();
-            let sound = alone(|| verify::pack(&path, &|_| ())).is_ok_and(|r| r.is_sound());
+            let sound = alone(|| verify::pack(&path, &Limits::default(), &|_| ()))
+                .is_ok_and(|r| r.is_sound());
             assert!(!sound, "{name}: bit {bit} makes no difference");
         }
     }
@@ -637,7 +639,7 @@ fn lies_with_sound_hashes_are_found() {
     for (lie, word) in lies {
         fs::write(&path, rebuilt(&good, lie)).unwrap();
         // Some lies are told by the directory already.
-        match verify::pack(&path, &|_| ()) {
+        match verify::pack(&path, &Limits::default(), &|_| ()) {
             Ok(report) => {
                 let said: Vec<_> = report.findings.iter().map(ToString::to_string).collect();
                 assert!(said.iter().any(|s| s.contains(word)), "{word}: {said:?}");
@@ -661,7 +663,7 @@ fn shorten(chunk: &mut Chunk, bytes: usize) {
 
 /// The commit that the bytes of a manifest record.
 fn newest_of(bytes: &[u8]) -> u64 {
-    Manifest::from_file("", bytes).unwrap().1.sequence
+    Manifest::from_file("", bytes, &Limits::default()).unwrap().1.sequence
 }
 
 /// A disk under which a bake goes on: with each look at a commit record there is a new one.

@@ -11,6 +11,7 @@ use std::io;
 use std::path::Path;
 use tempfile::TempDir;
 use vlf::format::container::{ChunkKind, Directory, FIRST_BLOCK, Header};
+use vlf::format::limits::Limits;
 use vlf::format::manifest::{Manifest, record_from_bytes, record_to_bytes};
 use vlf::format::tiles::{Layout, TileMap};
 use vlf::scene::{Fit, stored as stored_scene};
@@ -57,11 +58,11 @@ fn as_is_and_sealed(data: &[u8]) -> [Vec<u8>; 2] {
 pub fn header(data: &[u8]) {
     for file in as_is_and_sealed(data) {
         let length = file.len() as u64;
-        let head = Directory::length(&file, length);
-        let Ok(directory) = Directory::parse(&file, length) else { continue };
+        let head = Directory::length(&file, length, &Limits::default());
+        let Ok(directory) = Directory::parse(&file, length, &Limits::default()) else { continue };
         // What parses the whole file parses its head.
         let head = &file[..head.expect("a directory without a length")];
-        assert_eq!(Directory::parse(head, length).as_ref(), Ok(&directory));
+        assert_eq!(Directory::parse(head, length, &Limits::default()).as_ref(), Ok(&directory));
         _ = directory.header.check_writable();
         let mut end = head.len().max(FIRST_BLOCK) as u64;
         for entry in &directory.entries {
@@ -170,7 +171,7 @@ pub fn manifest(data: &[u8]) {
 
 /// The bytes of a stored scene.
 pub fn stored(data: &[u8]) {
-    let Ok(scene) = stored_scene::from_bytes(data) else { return };
+    let Ok(scene) = stored_scene::from_bytes(data, &Limits::default()) else { return };
     assert_eq!(stored_scene::to_bytes(&scene), data);
     _ = vlf::scene::texels::Texels::count(&scene, 0.1);
 }
@@ -199,7 +200,8 @@ pub fn pack(data: &[u8]) {
                 }
             }
         }
-        let directory = Directory::parse(&file, file.len() as u64).expect("it was opened");
+        let directory =
+            Directory::parse(&file, file.len() as u64, &Limits::default()).expect("it was opened");
         assert_eq!(directory.entries[0].id.kind, ChunkKind::Record);
     }
 }
@@ -217,7 +219,7 @@ pub fn scene(data: &[u8]) {
         Ok((scene, report)) => {
             assert!(!format!("{report:?}").is_empty());
             let bytes = stored_scene::to_bytes(&scene);
-            let again = stored_scene::from_bytes(&bytes);
+            let again = stored_scene::from_bytes(&bytes, &Limits::default());
             assert_eq!(again.expect("a scene that was read is sound"), scene);
         }
     }

@@ -6,11 +6,11 @@
 
 use super::ahead::{Wanted, ahead};
 use super::estimate::{Totals, estimate, grids_of_half, is_enough};
-use super::layers::{Layers, Outlines};
+use super::layers::Outlines;
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::memory::Need;
-use super::reach::{CutViews, Reach, Sealed};
-use super::step::{Cycle, FROM_OUTSIDE, Made, Scratch, Shared, shoot};
+use super::reach::{self, SWEEPS, Sealed};
+use super::step::{Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
 use super::transfer::diffuse::{diffuse_factor, next_textures};
 use super::transfer::{self, Fixed, Quantum};
@@ -23,7 +23,7 @@ use crate::field::{Field, FieldError};
 use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
 use crate::format::container::{ChunkKind, FileKind, NO_DIRECTION};
-use crate::format::manifest::{CycleLedger, ErrorEstimate, Parameters, Phase};
+use crate::format::manifest::{CycleLedger, ErrorEstimate, Grids, Parameters, Phase};
 use crate::format::names;
 use crate::ids::DirectionId;
 use crate::paths::{MAX_DEPTH, Paths};
@@ -62,9 +62,6 @@ pub struct Bake<'a> {
     /// Directions of the step under way that an earlier run did.
     done_before: u32,
 }
-
-/// Sweeps over all directions while the bake prepares.
-const SWEEPS: usize = 2;
 
 /// What a direction takes in all of them, in PSFs of the propagation.
 const PREPARING: f64 = 1.5;
@@ -144,53 +141,16 @@ impl<'a> Bake<'a> {
         Ok(bake)
     }
 
-    /// The texture values that no light can come to, from two sweeps over the lines.
+    /// The texture values that no light can come to.
     fn reach(&self) -> Sealed {
-        let shared = self.shared();
-        let values = 2 * self.texels.len();
-        let cut = self.texels.met();
-        let reach = self.sweep(
-            0,
-            || Reach::new(values),
-            |reach, id, layers| reach.sweep(&shared, &cut, id, layers),
-            |all, one| all.merge(&one),
-        );
-        let mut sealed = reach.sealed(&shared, &cut);
-        let views = self.sweep(
-            1,
-            || CutViews::new(values),
-            |views, id, layers| views.sweep(&shared, (&cut, &sealed), id, layers),
-            |all, one| all.merge(&one),
-        );
-        views.seal(&mut sealed);
-        sealed
-    }
-
-    /// Lets every thread look along directions until none is left, then merges what they found.
-    fn sweep<T: Send>(
-        &self,
-        number: usize,
-        new: impl Fn() -> T + Sync,
-        look: impl Fn(&mut T, DirectionId, &mut Layers) + Sync,
-        merge: impl Fn(&mut T, T),
-    ) -> T {
-        let next = AtomicUsize::new(0);
-        let stop = || self.options.stop.load(Ordering::Relaxed);
-        let found = self.pool.broadcast(|_| {
-            let (mut own, mut layers) = (new(), Layers::default());
-            loop {
-                let direction = next.fetch_add(1, Ordering::Relaxed);
-                if direction >= self.directions.len() || stop() {
-                    return own;
-                }
-                look(&mut own, DirectionId(direction as u32), &mut layers);
-                let all = self.directions.len();
-                self.report(true, ((number * all + direction + 1) / SWEEPS) as u32);
-            }
-        });
-        let mut all = new();
-        found.into_iter().for_each(|own| merge(&mut all, own));
-        all
+        let lines: Vec<DirectionId> = self.directions.ids().collect();
+        let looks = AtomicUsize::new(0);
+        let looked = || {
+            let looks = looks.fetch_add(1, Ordering::Relaxed) + 1;
+            self.report(true, (looks / SWEEPS) as u32);
+            !self.options.stop.load(Ordering::Relaxed)
+        };
+        self.pool.install(|| reach::sealed(&self.shared(), &lines, looked))
     }
 
     /// Runs to the end, or until asked to stop.
@@ -268,6 +228,7 @@ impl<'a> Bake<'a> {
         let pages =
             (stores_mirrors && cycle > 0).then(|| self.pages(Phase::Propagating).reusing(spare));
         let senders = self.few_senders(cycle);
+        let lamps = senders.as_ref().and_then(|senders| self.only(senders));
         self.begin_step();
         while !self.is_over(&workers[0], senders.is_some())? {
             let shared = self.shared();
@@ -277,7 +238,10 @@ impl<'a> Bake<'a> {
                 pages: pages.as_ref(),
                 paths: self.paths().filter(|_| !stores_mirrors),
                 grids: self.round(cycle),
-                senders: senders.as_deref(),
+                thinned: self.parameters.grids(cycle).thinned,
+                few: senders
+                    .as_deref()
+                    .map(|senders| Few { senders, paths: self.paths_in(lamps.as_ref()) }),
                 sealed: &self.sealed,
             };
             let wanted =
@@ -323,14 +287,17 @@ impl<'a> Bake<'a> {
 
     /// The paths through mirrors, where any are followed.
     fn paths(&self) -> Option<Paths<'_>> {
-        let visible = self.visible.as_ref()?;
-        Some(Paths { scene: self.scene, visible, max_depth: MAX_DEPTH })
+        self.paths_in(self.visible.as_ref())
+    }
+
+    fn paths_in<'b>(&'b self, visible: Option<&'b Visible>) -> Option<Paths<'b>> {
+        Some(Paths { scene: self.scene, visible: visible?, max_depth: MAX_DEPTH })
     }
 
     /// The surfaces that send in a cycle, if they are few: emitters in the first one, and mirrors that
     /// send on what they show.
     fn few_senders(&self, cycle: u32) -> Option<Vec<bool>> {
-        if cycle > 0 || self.perturbations(cycle) == 1 {
+        if cycle > 0 || self.parameters.grids(cycle).perturbations == 1 {
             return None;
         }
         let relays = !self.parameters.stores_mirrors();
@@ -346,17 +313,25 @@ impl<'a> Bake<'a> {
         (area(true) < FEW * area(false)).then_some(senders)
     }
 
+    /// What paths through mirrors meet of few senders, where any are followed.
+    fn only(&self, senders: &[bool]) -> Option<Visible> {
+        let follows = self.visible.is_some() && !self.parameters.stores_mirrors();
+        follows.then(|| Visible::of(self.scene, |id| senders[id.index()]))
+    }
+
     /// What some PSFs of a direction take in a cycle, in such that are rasterised whole.
     fn work_of(&self, cycle: u32, grids: Range<u32>) -> f64 {
         let own = f64::from(u32::from(grids.start == 0));
         let turned = grids.len() as f64 - own;
-        own + if self.few_senders(cycle).is_some() { WINDOWED } else { 1.0 } * turned
+        let turned = turned * if self.few_senders(cycle).is_some() { WINDOWED } else { 1.0 };
+        let part = Grids { perturbations: 1, ..self.parameters.grids(cycle) }.per_line();
+        (own + turned) * part
     }
 
     /// The PSFs of each direction in the round under way: all of a cycle, unless an error is aimed at.
     fn round(&self, cycle: u32) -> Range<u32> {
         let before = self.field.manifest().grids.get(cycle as usize).copied().unwrap_or(0);
-        let most = self.perturbations(cycle);
+        let most = self.parameters.grids(cycle).perturbations;
         match self.parameters.target_error > 0.0 {
             true => before..(before + most.div_ceil(ROUNDS)).min(most),
             false => before..most,
@@ -371,7 +346,7 @@ impl<'a> Bake<'a> {
         }
         let cycle = self.field.manifest().cycle;
         let round = self.round(cycle);
-        if round.end == self.perturbations(cycle) {
+        if round.end == self.parameters.grids(cycle).perturbations {
             return Ok(true);
         }
         let sums = &mut lock(own).sums;
@@ -395,9 +370,10 @@ impl<'a> Bake<'a> {
     /// What the lines of a cycle have brought: from the sums of half of them and of all, each direction
     /// standing for so many PSFs.
     fn brought(&self, [half, all]: [&[Fixed]; 2], grids: u32, few_send: bool) -> Brought {
+        let thinned = self.parameters.grids(self.field.manifest().cycle).thinned;
         // A whole texel meets lines in proportion to its projected area: pi sr in all.
         let cell = f64::from(2.0 / self.parameters.resolution as f32).powi(2);
-        let lines = std::f64::consts::PI / (self.directions.share() * cell);
+        let lines = std::f64::consts::PI / (self.share(thinned) * cell);
         let repeats = f64::from(grids);
         // Of few senders, only the lines of the unperturbed PSFs are counted.
         let values = 2 * self.texels.len();
@@ -412,8 +388,13 @@ impl<'a> Bake<'a> {
             let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
             next_textures(self.scene, self.texels, (sums, self.quantum), lines, how)
         };
-        let half = next(half, grids_of_half(self.directions, grids));
+        let half = next(half, grids_of_half(self.directions, thinned, grids));
         Brought { next: next(all, repeats), half, open }
+    }
+
+    /// Solid angle of a share of the lines of a cycle, sr.
+    fn share(&self, thinned: u32) -> f64 {
+        self.directions.share() * 4f64.powi(thinned as i32)
     }
 
     fn error(&self, open: &[f64], all: &[Rgb], half: &[Rgb]) -> ErrorEstimate {
@@ -429,17 +410,13 @@ impl<'a> Bake<'a> {
         Ok((total, half))
     }
 
-    fn perturbations(&self, cycle: u32) -> u32 {
-        let counts = &self.parameters.perturbations;
-        counts[(cycle as usize).min(counts.len() - 1)]
-    }
-
     fn all_done(&self) -> bool {
         self.field.manifest().done_count() == self.parameters.directions
     }
 
     /// Takes directions that are not done until all are, the commit is due, or a stop is asked for; the
     /// maps that steps make are written to the folder of a generation. Returns those that were done.
+    /// None is begun that the disk has no room for, with those under way and a commit of them all.
     fn walk(
         &self,
         place: (&str, u32),
@@ -447,6 +424,11 @@ impl<'a> Bake<'a> {
         step: impl Fn(u32, usize) -> Result<Maps, FieldError> + Sync,
     ) -> Result<(Vec<u32>, Walk), FieldError> {
         let manifest = self.field.manifest();
+        let room = || {
+            let step = usize::from(manifest.phase != Phase::Propagating);
+            self.field.check_room(self.need.room[step])
+        };
+        room()?;
         let curve = || self.directions.curve().iter().map(|id| id.0).collect();
         let order = self.options.order.clone().unwrap_or_else(curve);
         let todo: Vec<u32> = order.into_iter().filter(|d| !manifest.is_done(*d)).collect();
@@ -455,13 +437,13 @@ impl<'a> Bake<'a> {
         let (failed, done) = (AtomicBool::new(false), Mutex::new(Vec::new()));
         let enough = || {
             let some = !lock(&done).is_empty();
-            stop() || failed.load(Ordering::Relaxed) || (some && due())
+            stop() || failed.load(Ordering::Relaxed) || room().is_err() || (some && due())
         };
         writer::behind(&self.field, place, |queue| {
             ahead(wanted, &todo, self.options.threads, enough, |directions| {
                 let results = self.pool.broadcast(|context| {
                     for direction in directions {
-                        if stop() || failed.load(Ordering::Relaxed) {
+                        if stop() || failed.load(Ordering::Relaxed) || room().is_err() {
                             continue;
                         }
                         let maps = step(direction, context.index());
@@ -497,13 +479,14 @@ impl<'a> Bake<'a> {
         let inside = f64::from(done) / lines;
         let cycle = manifest.cycle;
         let grids = |cycles: Range<u32>| -> f64 {
-            cycles.map(|c| lines * self.work_of(c, 0..self.perturbations(c))).sum()
+            cycles.map(|c| lines * self.work_of(c, 0..self.parameters.grids(c).perturbations)).sum()
         };
         let (own, later) = match manifest.phase {
             Phase::Propagating => {
                 let end = self.expected_cycles(&unshot).max(cycle + 1);
                 let round = self.round(cycle);
-                let rest = lines * self.work_of(cycle, round.end..self.perturbations(cycle));
+                let most = self.parameters.grids(cycle).perturbations;
+                let rest = lines * self.work_of(cycle, round.end..most);
                 let later = rest + grids(cycle + 1..end) + TOTALS * lines;
                 (lines * self.work_of(cycle, round), later)
             }
@@ -622,7 +605,7 @@ impl<'a> Bake<'a> {
         add_sums(sums, half, 1);
         let units = Units {
             quantum: self.quantum,
-            share: self.directions.share(),
+            share: self.share(self.parameters.grids(cycle).thinned),
             cell: f64::from(2.0 / self.parameters.resolution as f32).powi(2)
                 * self.scene.fit.radius.powi(2),
             perturbations: grids,
@@ -716,7 +699,8 @@ impl<'a> Bake<'a> {
                 };
                 let maps = (total.as_slice(), lit.as_slice());
                 let id = DirectionId(direction);
-                let bytes = totals::total_map(&shared, id, maps, mirrors, &mut scratch);
+                let bytes =
+                    totals::total_map(&shared, id, maps, (mirrors, &self.sealed), &mut scratch);
                 Ok(vec![(ChunkKind::Total, bytes)])
             })?;
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));

@@ -12,7 +12,7 @@
 use crate::directions::Directions;
 use crate::format::limits;
 use crate::format::manifest::{ErrorEstimate, SurfaceError};
-use crate::ids::{DirectionId, SurfaceId};
+use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::{Lattice, Texels};
@@ -28,17 +28,19 @@ const EPSILON: f64 = 0.01;
 /// What part of the error aimed at the noise may have at least.
 const LEAST: f64 = 0.25;
 
-/// The half of all lines that a PSF belongs to, 0 or 1: lines that are neighbours in their lattice, and
-/// perturbations of a direction that follow each other, are in different ones.
-pub fn half_of(id: DirectionId, number: u32) -> usize {
-    ((id.0 + number) % 2) as usize
+/// The half of all lines that a PSF belongs to, 0 or 1, from the [`Directions::colour`] of its line:
+/// lines that are neighbours in their lattice, and PSFs of a line that follow each other, are in
+/// different ones.
+pub fn half_of(colour: u32, number: u32) -> usize {
+    ((colour + number) % 2) as usize
 }
 
-/// How many of a direction's `grids` are in half 0, on the average over directions.
-pub fn grids_of_half(directions: &Directions, grids: u32) -> f64 {
+/// How many of a line's `grids` are in half 0, on the average over the lines of a cycle.
+pub fn grids_of_half(directions: &Directions, thinned: u32, grids: u32) -> f64 {
     let (mut own, mut all) = (0, 0);
-    for id in directions.ids() {
-        let (shares, skipped) = (u64::from(directions.shares(id)), half_of(id, 0) as u64);
+    for id in directions.ids().filter(|id| directions.is_in_coarser(*id, thinned)) {
+        let shares = u64::from(directions.shares(id));
+        let skipped = half_of(directions.colour(id, thinned), 0) as u64;
         own += shares * ((u64::from(grids) + 1 - skipped) / 2);
         all += shares;
     }

@@ -8,7 +8,7 @@
 use super::homes::Homes;
 use super::transfer::clip::Projection;
 use super::window::Window;
-use crate::format::limits;
+use crate::format::limits::Limits;
 use crate::ids::{Cell, Sense, SurfaceId};
 use crate::psf::Psf;
 use crate::scene::contacts::Contacts;
@@ -23,7 +23,7 @@ const EDGE_ON: f32 = 1e-5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Fragment(u64);
 
-const _: () = assert!(limits::TEXELS <= 1 << 31, "fragments cannot name all texels");
+const _: () = assert!(Limits::PUBLISHED.texels <= 1 << 31, "fragments cannot name all texels");
 
 impl Fragment {
     /// A fragment at a depth in [-1, 1]; `faces_along` says whether the surface's normal points along
@@ -307,21 +307,40 @@ impl Layers {
         self.sort();
     }
 
-    /// Rasterises all surfaces, but only the cells that some of them cover: those that `through` names,
-    /// by surface. The cells are [`Layers::window`]; the fragments of the k-th are [`Layers::slot`] k.
-    pub fn rasterise_through(&mut self, outlines: &Outlines, psf: &Psf, through: &[bool]) {
+    /// Rasterises all surfaces, but only the cells in which some of them send: those that `through`
+    /// names, by surface, where `sends` says so of the place in the surface and the point there. The
+    /// cells are [`Layers::window`]; the fragments of the k-th are [`Layers::slot`] k.
+    pub fn rasterise_through(
+        &mut self,
+        outlines: &Outlines,
+        psf: &Psf,
+        through: &[bool],
+        sends: impl Fn(SurfaceId, Vec3) -> bool,
+    ) {
         let n = psf.resolution;
         self.begin(outlines, psf);
         self.window.clear(n);
         let planes = || outlines.surfaces.iter().zip(through);
-        for (plane, _) in planes().filter(|(_, through)| **through) {
+        for (surface, (plane, _)) in planes().enumerate().filter(|(_, (_, through))| **through) {
             let Some(gradients) = Gradients::new(plane, psf) else { continue };
+            let (depth, surface) = (gradients.depth, SurfaceId(surface as u32));
             self.gradients.push(gradients);
+            let first = self.spans.len();
             for polygon in outlines.of(plane) {
                 self.span_polygon(polygon, n, (0, n));
             }
+            for span in &self.spans[first..] {
+                let y = span.row as f32 + 0.5;
+                let sends = |column: &u32| {
+                    let x = *column as f32 + 0.5;
+                    let z = depth.in_row(y) + x * depth.per_column;
+                    sends(surface, psf.unproject(x, y, z.clamp(span.depths.0, span.depths.1)))
+                };
+                for column in (span.from..span.to).filter(sends) {
+                    self.window.open(span.row, (column, column + 1));
+                }
+            }
         }
-        self.spans.iter().for_each(|s| self.window.open(s.row, (s.from, s.to)));
         self.window.close();
         for (plane, _) in planes().filter(|(_, through)| !**through) {
             let mut known = false;

@@ -4,6 +4,7 @@
 //! worker's scratch, maps that wait to be written, pages. What does not (code, stacks, what the
 //! allocator keeps) is [`CONSTANT`] and not part of the grant.
 
+use super::MOST_CYCLES;
 use super::ahead::gathered_from;
 use super::layers::Layers;
 use super::reach::Sealed;
@@ -20,6 +21,15 @@ pub const CONSTANT: u64 = 48 << 20;
 
 /// Bytes for each corner of a polygon of the hierarchy that paths are followed through.
 const A_CORNER: u64 = 256;
+
+/// Bytes in which disks give room.
+const A_BLOCK: u64 = 4096;
+
+/// Bytes of a commit record without its bit a direction and its ledgers.
+const RECORD: u64 = 1024;
+
+/// Bytes of a cycle's ledger in a commit record.
+const A_LEDGER: u64 = 80;
 
 /// Directions that are looked at before a bake begins.
 const LOOKS: u32 = 24;
@@ -144,6 +154,9 @@ pub struct Need {
     pub least_pages: u64,
     /// All pages of a generation: with more, the cache has nothing left to do.
     pub all_pages: u64,
+    /// Bytes of the disk that must be free when a direction is begun, while light is propagated and
+    /// while total maps are written: for its maps, those that are under way, and a commit of them all.
+    pub room: [u64; 2],
 }
 
 impl Need {
@@ -176,10 +189,19 @@ impl Need {
             + threads * (layers + 3 * extent.total_map)
             + waiting * extent.total_map;
         let directions = shared.directions.len() as u64;
+        let under_way = |map: u64| (threads + waiting) * map.next_multiple_of(A_BLOCK);
+        let cycles = u64::from(shared.parameters.cycles.unwrap_or(MOST_CYCLES));
+        let record = (RECORD + directions / 8 + A_LEDGER * cycles).next_multiple_of(A_BLOCK);
+        // Sums take more than the texture maps that come in their place at the end of a cycle.
+        let sums = (values * 32 + 2 * A_BLOCK).next_multiple_of(A_BLOCK);
         Need {
             fixed: [propagating, totals],
             least_pages: 2 * threads * extent.mirror_map,
             all_pages: (directions + 2 * threads) * extent.mirror_map,
+            room: [
+                under_way(2 * extent.mirror_map) + sums + record,
+                under_way(extent.total_map) + record,
+            ],
         }
     }
 

@@ -4,6 +4,7 @@
 //! paths. Where that is taken from what was stored of it instead, it can be done until the bake is
 //! finished. The same bits come out, so the field's digest says whether it is whole again.
 
+use super::reach;
 use super::step::Shared;
 use super::totals::{Mirrors, Scratch, lit_sides, total_map};
 use super::{BakeError, Options, Outcome, Progress};
@@ -138,6 +139,8 @@ fn make(
         let header = field.header_of(FileKind::Tiles, (cycle, NO_DIRECTION));
         Pages::new(field.shared_storage(), header, budget, options.threads)
     });
+    let lines: Vec<DirectionId> = shared.directions.ids().collect();
+    let sealed = reach::sealed(shared, &lines, || true);
     let visible = (shared.has_mirrors() && pages.is_none()).then(|| Visible::new(shared.scene));
     let scene = shared.scene;
     let paths = visible.as_ref().map(|visible| Paths { scene, visible, max_depth: MAX_DEPTH });
@@ -153,7 +156,7 @@ fn make(
             (None, None) => Mirrors::None,
         };
         let maps = (total.as_slice(), lit.as_slice());
-        let bytes = total_map(shared, DirectionId(*direction), maps, mirrors, scratch);
+        let bytes = total_map(shared, DirectionId(*direction), maps, (mirrors, &sealed), scratch);
         field.write_tiles(names::TOTAL, (cycle, *direction), &[(ChunkKind::Total, bytes)])
     })
 }

@@ -42,8 +42,8 @@ use crate::directions::Directions;
 use crate::field::storage::Storage;
 use crate::field::storage::disk::Disk;
 use crate::field::{Field, FieldError, Terms};
-use crate::format::limits;
-use crate::format::manifest::{Parameters, Phase, Specular, Statistics};
+use crate::format::limits::Limits;
+use crate::format::manifest::{MOST_THINNED, Parameters, Phase, Specular, Statistics};
 use crate::format::tiles::exponent_for;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -241,8 +241,8 @@ pub fn checked(scene: &Scene, parameters: &Parameters) -> Result<Directions, Bak
     let directions = Directions::with_lines(parameters.directions)
         .ok_or_else(|| BakeError::Parameter(no_lattice(parameters.directions)))?;
     let count = Texels::count(scene, texel_edge(parameters));
-    if count > limits::TEXELS {
-        let most = limits::TEXELS;
+    if count > Limits::PUBLISHED.texels {
+        let most = Limits::PUBLISHED.texels;
         return Err(BakeError::Parameter(format!(
             "the scene would have {count} texels and may have {most}: lower --resolution or raise --texel"
         )));
@@ -321,11 +321,15 @@ fn no_lattice(lines: u32) -> String {
 
 fn check(p: &Parameters) -> Result<(), BakeError> {
     let bad = |what: String| Err(BakeError::Parameter(what));
-    if p.resolution == 0 || p.resolution > limits::RESOLUTION {
-        return bad(format!("--resolution {}: 1 to {}", p.resolution, limits::RESOLUTION));
+    if p.resolution == 0 || p.resolution > Limits::PUBLISHED.resolution {
+        return bad(format!(
+            "--resolution {}: 1 to {}",
+            p.resolution,
+            Limits::PUBLISHED.resolution
+        ));
     }
-    if p.tile == 0 || p.tile > limits::TILE || !p.resolution.is_multiple_of(p.tile) {
-        let most = limits::TILE;
+    if p.tile == 0 || p.tile > Limits::PUBLISHED.tile || !p.resolution.is_multiple_of(p.tile) {
+        let most = Limits::PUBLISHED.tile;
         return bad(format!(
             "--tile {}: must divide the resolution {} and be at most {most}",
             p.tile, p.resolution
@@ -333,6 +337,9 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
     }
     if p.perturbations.is_empty() || p.perturbations.iter().any(|n| *n == 0 || *n > 4096) {
         return bad("--perturb: 1 to 4096 for each cycle".to_owned());
+    }
+    if p.thinned > MOST_THINNED {
+        return bad(format!("--perturb: a last fraction is 1/4 to 1/4^{MOST_THINNED}"));
     }
     if p.specular == Specular::Trace && !p.resample {
         return bad(

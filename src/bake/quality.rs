@@ -15,12 +15,13 @@ pub enum Quality {
 }
 
 impl Quality {
-    /// PSFs that each direction stands for, cycle by cycle; the last number counts for all later ones.
-    pub fn perturbations(self) -> Vec<u32> {
+    /// PSFs that each direction stands for, cycle by cycle, and how much coarser the lattice is after
+    /// these; see [`crate::format::manifest::Parameters`].
+    pub fn perturbations(self) -> (Vec<u32>, u32) {
         match self {
-            Quality::Draft => vec![1],
-            Quality::Preview => vec![8, 4, 2, 1],
-            Quality::Final => vec![64, 16, 8, 4],
+            Quality::Draft => (vec![1], 0),
+            Quality::Preview => (vec![8, 4, 2, 1], 1),
+            Quality::Final => (vec![64, 16, 8, 4], 1),
         }
     }
 

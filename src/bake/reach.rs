@@ -15,10 +15,54 @@ use super::layers::Layers;
 use super::step::Shared;
 use crate::ids::{DirectionId, SurfaceId};
 use crate::psf::Psf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Sweeps over all lines that [`sealed`] makes.
+pub const SWEEPS: usize = 2;
+
+/// The texture values that no light can come to, as far as some lines tell. Works on all threads of the
+/// pool that it is called in. `looked` is called after each look along a line, [`SWEEPS`] times a line;
+/// where it says no, the rest is left out.
+pub fn sealed(shared: &Shared, lines: &[DirectionId], looked: impl Fn() -> bool + Sync) -> Sealed {
+    let values = 2 * shared.texels.len();
+    let cut = &shared.texels.met();
+    let (mut reach, mut views) = (Reach::new(values), CutViews::new(values));
+    let look = |reach: &mut Reach, id, layers: &mut _| reach.sweep(shared, cut, id, layers);
+    let found = sweep(lines, &looked, || Reach::new(values), look);
+    found.iter().for_each(|one| reach.merge(one));
+    let mut sealed = reach.sealed(shared, cut);
+    let look = |views: &mut CutViews, id, layers: &mut _| {
+        views.sweep(shared, (cut, &sealed), id, layers);
+    };
+    let found = sweep(lines, &looked, || CutViews::new(values), look);
+    found.iter().for_each(|one| views.merge(one));
+    views.seal(&mut sealed);
+    sealed
+}
+
+/// Lets every thread of the pool look along lines until none is left. Returns what each of them found.
+fn sweep<T: Send>(
+    lines: &[DirectionId],
+    looked: &(impl Fn() -> bool + Sync),
+    new: impl Fn() -> T + Sync,
+    look: impl Fn(&mut T, DirectionId, &mut Layers) + Sync,
+) -> Vec<T> {
+    let next = AtomicUsize::new(0);
+    rayon::broadcast(|_| {
+        let (mut own, mut layers) = (new(), Layers::default());
+        while let Some(line) = lines.get(next.fetch_add(1, Ordering::Relaxed)) {
+            look(&mut own, *line, &mut layers);
+            if !looked() {
+                break;
+            }
+        }
+        own
+    })
+}
 
 /// Sets of values that exchange light.
 #[derive(Clone, Debug)]
-pub struct Reach {
+struct Reach {
     parent: Vec<u32>,
     /// Values that were joined front to front.
     open: Vec<bool>,
@@ -50,19 +94,19 @@ fn pairs(
 
 /// What the cut values see: a second sweep, since most of them lie along one space only.
 #[derive(Clone, Debug)]
-pub struct CutViews {
+struct CutViews {
     sees_sealed: Vec<bool>,
     sees_open: Vec<bool>,
 }
 
 impl CutViews {
     /// Nothing seen yet.
-    pub fn new(values: usize) -> CutViews {
+    fn new(values: usize) -> CutViews {
         CutViews { sees_sealed: vec![false; values], sees_open: vec![false; values] }
     }
 
     /// Notes what cut values see of others along the lines of a direction.
-    pub fn sweep(
+    fn sweep(
         &mut self,
         shared: &Shared,
         (cut, sealed): (&[bool], &Sealed),
@@ -81,14 +125,14 @@ impl CutViews {
     }
 
     /// Adds what another sweep saw.
-    pub fn merge(&mut self, other: &CutViews) {
+    fn merge(&mut self, other: &CutViews) {
         let or = |a: &mut [bool], b: &[bool]| a.iter_mut().zip(b).for_each(|(a, b)| *a |= b);
         or(&mut self.sees_sealed, &other.sees_sealed);
         or(&mut self.sees_open, &other.sees_open);
     }
 
     /// Seals the cut values that see sealed ones only.
-    pub fn seal(&self, sealed: &mut Sealed) {
+    fn seal(&self, sealed: &mut Sealed) {
         for value in 0..self.sees_sealed.len() {
             if self.sees_sealed[value] && !self.sees_open[value] {
                 sealed.0[value / 64] |= 1 << (value % 64);
@@ -115,7 +159,7 @@ impl Sealed {
 
 impl Reach {
     /// Every value by itself.
-    pub fn new(values: usize) -> Reach {
+    fn new(values: usize) -> Reach {
         Reach { parent: (0..values as u32).collect(), open: vec![false; values] }
     }
 
@@ -134,7 +178,7 @@ impl Reach {
     }
 
     /// Joins what another sweep joined.
-    pub fn merge(&mut self, other: &Reach) {
+    fn merge(&mut self, other: &Reach) {
         for (value, parent) in other.parent.iter().enumerate() {
             self.join(value as u32, *parent);
             self.open[value] |= other.open[value];
@@ -142,7 +186,7 @@ impl Reach {
     }
 
     /// Joins the values that look at each other along the lines of a direction.
-    pub fn sweep(&mut self, shared: &Shared, cut: &[bool], id: DirectionId, layers: &mut Layers) {
+    fn sweep(&mut self, shared: &Shared, cut: &[bool], id: DirectionId, layers: &mut Layers) {
         pairs(shared, id, layers, |a, b| {
             if !cut[a / 2] && !cut[b / 2] {
                 self.join(a as u32, b as u32);
@@ -153,7 +197,7 @@ impl Reach {
     }
 
     /// The values that no light can come to.
-    pub fn sealed(mut self, shared: &Shared, cut: &[bool]) -> Sealed {
+    fn sealed(mut self, shared: &Shared, cut: &[bool]) -> Sealed {
         let values = self.parent.len();
         let roots: Vec<usize> = (0..values as u32).map(|v| self.root(v) as usize).collect();
         let surface_of = |value: usize| shared.texels.surface_of[value / 2] as usize;

@@ -26,6 +26,7 @@ use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
 use crate::visible::Hit;
+use glam::Vec3;
 use std::ops::Range;
 
 /// What all steps of a bake share.
@@ -58,6 +59,16 @@ impl Shared<'_> {
     }
 }
 
+/// The senders of a cycle in which few send.
+#[derive(Clone, Copy)]
+pub struct Few<'a> {
+    /// Which surfaces send.
+    pub senders: &'a [bool],
+    /// Paths that meet none but senders, where mirrors are some of them. What these do not show, no
+    /// mirror shows: other surfaces are dark, and can only stand in the way.
+    pub paths: Option<Paths<'a>>,
+}
+
 /// What all steps of a cycle share.
 pub struct Cycle<'a> {
     /// Its number.
@@ -69,11 +80,13 @@ pub struct Cycle<'a> {
     pub pages: Option<&'a Pages>,
     /// Where mirrors' light is found by following its path; `None`: in their unshot maps.
     pub paths: Option<Paths<'a>>,
-    /// Which of the PSFs that each direction stands for.
+    /// Which of the PSFs that each line stands for.
     pub grids: Range<u32>,
+    /// Its lines are those of a lattice with steps `2^thinned` times as long.
+    pub thinned: u32,
     /// The surfaces that send, when these are few: perturbed PSFs have only the lines that meet one of
     /// them, and the lines are counted in the unperturbed ones alone.
-    pub senders: Option<&'a [bool]>,
+    pub few: Option<Few<'a>>,
     /// Texture values that no light can come to.
     pub sealed: &'a Sealed,
 }
@@ -189,15 +202,20 @@ pub fn shoot(
     scratch: &mut Scratch,
 ) -> Result<Option<Made>, FieldError> {
     let mut made = None;
+    if !shared.directions.is_in_coarser(id, cycle.thinned) {
+        return Ok(made);
+    }
+    let colour = shared.directions.colour(id, cycle.thinned);
     for number in cycle.grids.clone() {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
-        let line = Line { shared, cycle, psf: &psf, half: half_of(id, number) };
+        let line = Line { shared, cycle, psf: &psf, half: half_of(colour, number) };
         if line.clips() {
             projections(shared.outlines, &psf, &mut scratch.projections);
         }
         let double = shared.directions.shares(id) == 2;
-        if let Some(senders) = cycle.senders.filter(|_| number > 0) {
-            scratch.layers.rasterise_through(shared.outlines, &psf, senders);
+        if let Some(few) = cycle.few.filter(|_| number > 0) {
+            let sends = |surface, point| line.may_send(&few, surface, point);
+            scratch.layers.rasterise_through(shared.outlines, &psf, few.senders, sends);
             match double {
                 true => line.through_window::<2, 0>(scratch),
                 false => line.through_window::<3, 0>(scratch),
@@ -499,20 +517,47 @@ impl Line<'_> {
         sense: Sense,
         scratch: &mut Scratch,
     ) -> Fixed {
-        let Shared { scene, texels, quantum, .. } = *self.shared;
-        let surface = SurfaceId(texels.surface_of[fragment.texel() as usize]);
+        let surface = SurfaceId(self.shared.texels.surface_of[fragment.texel() as usize]);
         let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
-        let point = self.psf.unproject(x, y, fragment.depth());
+        let place = (surface, self.psf.unproject(x, y, fragment.depth()), gap);
+        let few = self.cycle.few.and_then(|few| few.paths);
+        if few.is_some_and(|few| self.shown(&few, place, sense).is_black()) {
+            return FROM_OUTSIDE;
+        }
+        scratch.tally.gathers += 1;
+        self.shared.quantum.fixed(self.shown(paths, place, sense))
+    }
+
+    /// What a mirror shows at a point, seen from a distance along the PSF's direction.
+    fn shown(
+        &self,
+        paths: &Paths,
+        (surface, point, distance): (SurfaceId, Vec3, f32),
+        sense: Sense,
+    ) -> Rgb {
+        let Shared { scene, texels, quantum, .. } = *self.shared;
         let outgoing = self.psf.direction * sense.sign();
         let side = Side::facing(scene.surface(surface).normal.dot(outgoing));
-        let hit = Hit { surface, point, distance: gap, side };
-        scratch.tally.gathers += 1;
-        let radiance = paths.radiance(-outgoing, &hit, self.cycle.number == 0, |end| {
+        let hit = Hit { surface, point, distance, side };
+        paths.radiance(-outgoing, &hit, self.cycle.number == 0, |end| {
             let texel = texels.at(end.surface, scene.surface(end.surface), end.point);
             let home = self.shared.outlines.homes.of(scene, texels, texel, end.point) as usize;
             quantum.radiance(self.cycle.current[2 * home + end.side.index()])
-        });
-        quantum.fixed(radiance)
+        })
+    }
+
+    /// Whether one of few senders may send from a point along the PSF's direction or against it.
+    fn may_send(&self, few: &Few, surface: SurfaceId, point: Vec3) -> bool {
+        let Some(paths) = &few.paths else { return true };
+        let texel = self.shared.texels.lattices[surface.index()].first;
+        let is_open = |sense: Sense| {
+            let outgoing = self.psf.direction * sense.sign();
+            let side = Side::facing(self.shared.scene.surface(surface).normal.dot(outgoing));
+            !self.cycle.sealed.has(2 * texel as usize + side.index())
+        };
+        let shows = |sense| !self.shown(paths, (surface, point, FAR), sense).is_black();
+        !self.shared.scene.material_of(surface).reflectance.is_mirror()
+            || [Sense::Along, Sense::Against].into_iter().any(|s| is_open(s) && shows(s))
     }
 
     /// What a mirror sends from its fragment in a cell, from what has arrived at it.

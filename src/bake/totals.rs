@@ -8,6 +8,7 @@
 
 use super::exchange;
 use super::layers::{Fragment, Layers};
+use super::reach::Sealed;
 use super::step::Shared;
 use crate::field::pages::Page;
 use crate::format::manifest::Parameters;
@@ -42,12 +43,12 @@ pub enum Mirrors<'a> {
 }
 
 /// The bytes of a direction's total radiance map. `total` is P^T, two values a texel; `lit` says for
-/// each surface and side whether any of it is not black.
+/// each surface and side whether any of it is not black. Nothing comes to `sealed` sides of mirrors.
 pub fn total_map(
     shared: &Shared,
     id: DirectionId,
     (total, lit): (&[Rgb], &[[bool; 2]]),
-    mirrors: Mirrors,
+    (mirrors, sealed): (Mirrors, &Sealed),
     scratch: &mut Scratch,
 ) -> Vec<u8> {
     let Parameters { resolution, tile: m, .. } = *shared.parameters;
@@ -87,6 +88,7 @@ pub fn total_map(
                         let entry = page.map().entry(cell, id);
                         entry.and_then(|e| e.radiance(cell, sense)).unwrap_or_default()
                     }
+                    Mirrors::Traced(_) if sealed.has(fragment.value(sense)) => Rgb::BLACK,
                     Mirrors::Traced(paths) => {
                         let away = psf.direction * sense.sign();
                         let (at, normal) = (hit(*fragment, sense), shared.scene.surface(id).normal);

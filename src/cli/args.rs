@@ -5,6 +5,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::str::FromStr;
 use vlf::bake::quality::Quality;
+use vlf::format::limits::Limits;
 use vlf::look::render::method::Method;
 use vlf::{Specular, Transfer};
 
@@ -114,9 +115,10 @@ pub struct Baking {
     #[arg(long, default_value = "auto")]
     pub cycles: Cycles,
     /// Grids that each direction stands for, its own included, in each cycle: N or N,N,...; the last
-    /// counts for all later cycles. Overrides --quality
-    #[arg(long, value_delimiter = ',')]
-    pub perturb: Option<Vec<u32>>,
+    /// counts for all later cycles and may be 1/4, 1/16, ...: one grid of so many of the directions.
+    /// Overrides --quality
+    #[arg(long)]
+    pub perturb: Option<Perturb>,
     /// How many lines to spend
     #[arg(long, value_enum, default_value = "preview")]
     pub quality: QualityName,
@@ -157,6 +159,8 @@ pub struct Baking {
     /// Passes of a 3 x 3 texel filter over each cycle's texture maps; 0 for none
     #[arg(long, default_value_t = super::bake::FILTER)]
     pub filter: u32,
+    #[command(flatten)]
+    pub limits: Limits,
 }
 
 #[derive(Args)]
@@ -166,6 +170,8 @@ pub struct Info {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub limits: Limits,
 }
 
 /// Checks structure, hashes and values of everything that a field's newest commit names, or of a pack.
@@ -184,6 +190,8 @@ pub struct Verify {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub limits: Limits,
 }
 
 #[derive(Args)]
@@ -235,6 +243,8 @@ pub struct Render {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub limits: Limits,
 }
 
 #[derive(Args)]
@@ -350,6 +360,35 @@ impl From<MethodName> for Method {
         match name {
             MethodName::Field => Method::Field,
             MethodName::Trace => Method::Trace,
+        }
+    }
+}
+
+/// `--perturb`.
+#[derive(Clone)]
+pub struct Perturb {
+    /// Grids a direction, cycle by cycle.
+    pub grids: Vec<u32>,
+    /// After these, one grid of one in `4^thinned` directions.
+    pub thinned: u32,
+}
+
+impl FromStr for Perturb {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Perturb, String> {
+        let wrong =
+            || "whole numbers with commas between, the last perhaps 1/4, 1/16, ...".to_owned();
+        let (grids, last) = match text.rsplit_once(',') {
+            Some((before, last)) if last.trim().starts_with("1/") => (before, Some(last.trim())),
+            _ => (text, None),
+        };
+        let grids: Result<Vec<u32>, _> = grids.split(',').map(|n| n.trim().parse()).collect();
+        let part = last.map_or(Ok(1), |last| last["1/".len()..].parse::<u32>());
+        match (grids, part) {
+            (Ok(grids), Ok(part)) if part.is_power_of_two() && part.ilog2() % 2 == 0 => {
+                Ok(Perturb { grids, thinned: part.ilog2() / 2 })
+            }
+            _ => Err(wrong()),
         }
     }
 }

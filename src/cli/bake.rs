@@ -9,9 +9,11 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use vlf::bake::{Options, Outcome, bake};
+use vlf::bake::{Options, Outcome, bake_in};
 use vlf::exit;
 use vlf::field::Terms;
+use vlf::field::storage::disk::Disk;
+use vlf::format::limits::Limits;
 use vlf::format::manifest::Parameters;
 use vlf::scene::Report;
 use vlf::{Scene, bake::quality::Quality};
@@ -29,12 +31,15 @@ pub struct How {
     pub lock: bool,
     /// Whether to begin though the disk seems too small.
     pub force: bool,
+    /// What the field's files may state.
+    pub limits: Limits,
 }
 
 impl How {
     /// With so much memory, and otherwise as usual.
     pub fn usual(memory: u64, threads: Option<usize>) -> How {
-        How { memory, threads, sync: SyncPolicy::Interval(5.0), lock: true, force: false }
+        let (sync, limits) = (SyncPolicy::Interval(5.0), Limits::default());
+        How { memory, threads, sync, lock: true, force: false, limits }
     }
 }
 
@@ -46,7 +51,7 @@ const UNSHOT_FRACTION: f64 = 1e-3;
 
 pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
     let b = &a.baking;
-    let (scene, report) = Scene::open(&b.scene)?;
+    let (scene, report) = Scene::open_within(&b.scene, &b.limits)?;
     tell_report(&report);
     let how = How {
         memory: b.memory.as_u64(),
@@ -54,17 +59,18 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
         sync: b.sync,
         lock: !a.no_lock,
         force: a.force,
+        limits: b.limits,
     };
     let code = bake_with_bar(&scene, &parameters(b), &a.output, how)?;
     if code != 0 {
         return Ok(code);
     }
     if a.json {
-        let mut json = info::json(&a.output)?;
+        let mut json = info::json(&a.output, &b.limits)?;
         json["report"] = serde_json::to_value(&report)?;
         say(&json.to_string())?;
     } else {
-        say(&info::summary(&a.output)?)?;
+        say(&info::summary(&a.output, &b.limits)?)?;
     }
     Ok(0)
 }
@@ -72,13 +78,18 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
 /// What decides the bits, as it was typed.
 pub fn parameters(a: &args::Baking) -> Parameters {
     let quality: Quality = a.quality.into();
+    let (perturbations, thinned) = match a.perturb.clone() {
+        Some(perturb) => (perturb.grids, perturb.thinned),
+        None => quality.perturbations(),
+    };
     Parameters {
         directions: a.directions,
         resolution: a.resolution,
         tile: a.tile,
         cycles: a.cycles.0,
         unshot_fraction: UNSHOT_FRACTION,
-        perturbations: a.perturb.clone().unwrap_or_else(|| quality.perturbations()),
+        perturbations,
+        thinned,
         texel_cells: a.texel,
         filter: a.filter,
         one_sided: a.one_sided,
@@ -108,11 +119,9 @@ pub fn threads(asked: Option<usize>) -> anyhow::Result<usize> {
 
 /// Parameters of a quality at the default size.
 pub fn defaults(quality: Quality) -> Parameters {
-    Parameters {
-        perturbations: quality.perturbations(),
-        target_error: quality.target_error(),
-        ..Parameters::default()
-    }
+    let (perturbations, thinned) = quality.perturbations();
+    let target_error = quality.target_error();
+    Parameters { perturbations, thinned, target_error, ..Parameters::default() }
 }
 
 /// Seconds between commits, and whether they are synced.
@@ -161,14 +170,15 @@ pub fn bake_with_bar(
         terms: Terms { sync, lock: how.lock },
         force: how.force,
     };
-    let outcome = bake(scene, parameters, output, &options);
+    let disk = Arc::new(Disk::within(output, how.limits));
+    let outcome = bake_in(disk, scene, parameters, &options);
     bar.end();
     match outcome.with_context(|| format!("baking {}", output.display()))? {
         Outcome::Finished => Ok(0),
         Outcome::Stopped => {
             tell(&format!(
                 "stopped cleanly {}; run the same command again to go on",
-                info::standing(output)?
+                info::standing(output, &how.limits)?
             ));
             Ok(signal.load(Ordering::Relaxed) as u8)
         }

@@ -8,6 +8,7 @@ use bytesize::ByteSize;
 use vlf::Visible;
 use vlf::bake::quality::Quality;
 use vlf::format::container::Codec;
+use vlf::format::limits::Limits;
 use vlf::look::image::{write_exr, write_png};
 use vlf::look::render::Options;
 use vlf::look::render::method::Method;
@@ -36,7 +37,7 @@ pub fn run(a: &args::Demo) -> anyhow::Result<u8> {
     if code != 0 {
         return Ok(code);
     }
-    tell(&info::summary(&field)?);
+    tell(&info::summary(&field, &Limits::default())?);
 
     let packed = field.with_extension("vlf");
     let bar = Bar::new("packing");

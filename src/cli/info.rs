@@ -8,7 +8,8 @@ use std::path::Path;
 use vlf::field::storage::disk::Disk;
 use vlf::field::{self, files};
 use vlf::format::container::{ChunkKind, FileKind, NO_DIRECTION};
-use vlf::format::manifest::{Manifest, Phase, Specular, Transfer, record_from_bytes};
+use vlf::format::limits::Limits;
+use vlf::format::manifest::{Grids, Manifest, Phase, Specular, Transfer, record_from_bytes};
 use vlf::format::{Fault, names};
 
 /// Surfaces whose error is shown.
@@ -19,9 +20,9 @@ const TEXEL: u64 = 24;
 
 pub fn run(a: &args::Info) -> anyhow::Result<u8> {
     if a.json {
-        say(&json(&a.field)?.to_string())?
+        say(&json(&a.field, &a.limits)?.to_string())?
     } else {
-        say(&summary(&a.field)?)?
+        say(&summary(&a.field, &a.limits)?)?
     }
     Ok(0)
 }
@@ -41,11 +42,14 @@ impl Facts {
     /// Fragments on a ray of the grids that are done, on the average.
     fn fragments_a_ray(&self) -> Option<f64> {
         let p = &self.manifest.parameters;
-        let finished = self.manifest.grids.iter().take(self.manifest.cycle as usize);
-        let shot: u64 = finished.copied().map(u64::from).sum();
-        let grids = shot * u64::from(p.directions) + self.total_maps();
-        let rays = grids * u64::from(p.resolution).pow(2);
-        (rays > 0).then(|| self.manifest.statistics.fragments as f64 / rays as f64)
+        let finished = self.manifest.grids.iter().take(self.manifest.cycle as usize).zip(0..);
+        let of = |(grids, cycle): (&u32, u32)| {
+            Grids { perturbations: *grids, ..p.grids(cycle) }.per_line()
+        };
+        let shot: f64 = finished.map(of).sum();
+        let grids = shot * f64::from(p.directions) + self.total_maps() as f64;
+        let rays = grids * f64::from(p.resolution).powi(2);
+        (rays > 0.0).then(|| self.manifest.statistics.fragments as f64 / rays)
     }
 
     /// Surfaces in a tile of the total maps that are done, on the average.
@@ -63,9 +67,9 @@ impl Facts {
     }
 }
 
-fn facts(path: &Path) -> anyhow::Result<Facts> {
+fn facts(path: &Path, limits: &Limits) -> anyhow::Result<Facts> {
     if path.is_dir() {
-        let (header, manifest) = field::read_manifest(&Disk::new(path))?;
+        let (header, manifest) = field::read_manifest(&Disk::within(path, *limits))?;
         let size = |name: &str| files_below(&path.join(name));
         let textures = size(&names::textures(manifest.cycle));
         let mirrors =
@@ -80,11 +84,11 @@ fn facts(path: &Path) -> anyhow::Result<Facts> {
             true => [parts, vec![("sums", size(&names::sums(manifest.sequence)))]].concat(),
             false => parts,
         };
-        let texels = texels(path, &names::textures(manifest.cycle));
+        let texels = texels(path, &names::textures(manifest.cycle), limits);
         let (id, surfaces) = (header.field, header.surfaces);
         return Ok(Facts { manifest, id, parts, surfaces, texels, packed: false });
     }
-    let mut file = files::open_at(path, FileKind::Pack)?;
+    let mut file = files::open_at(path, FileKind::Pack, limits)?;
     let entry = file.find(ChunkKind::Record, NO_DIRECTION)?;
     let record = file.chunk(&entry)?;
     let in_file = |f: Fault| f.in_file(path.display());
@@ -106,8 +110,8 @@ fn facts(path: &Path) -> anyhow::Result<Facts> {
 }
 
 /// Texels of a field, from the length of its texture maps.
-fn texels(field: &Path, name: &str) -> Option<u64> {
-    let file = files::open(&Disk::new(field), name, FileKind::Textures).ok()?;
+fn texels(field: &Path, name: &str, limits: &Limits) -> Option<u64> {
+    let file = files::open(&Disk::within(field, *limits), name, FileKind::Textures).ok()?;
     Some(file.find(ChunkKind::TotalTexture, NO_DIRECTION).ok()?.raw / TEXEL)
 }
 
@@ -124,8 +128,8 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 /// Where an unfinished bake stands, in words.
-pub fn standing(path: &Path) -> anyhow::Result<String> {
-    let (_, m) = field::read_manifest(&Disk::new(path))?;
+pub fn standing(path: &Path, limits: &Limits) -> anyhow::Result<String> {
+    let (_, m) = field::read_manifest(&Disk::within(path, *limits))?;
     let (done, all) = (m.done_count(), m.parameters.directions);
     Ok(match m.phase {
         Phase::Propagating => format!("in cycle {}, at direction {done} of {all}", m.cycle + 1),
@@ -135,8 +139,8 @@ pub fn standing(path: &Path) -> anyhow::Result<String> {
 }
 
 /// What a field or pack is, in lines.
-pub fn summary(path: &Path) -> anyhow::Result<String> {
-    let facts = facts(path)?;
+pub fn summary(path: &Path, limits: &Limits) -> anyhow::Result<String> {
+    let facts = facts(path, limits)?;
     let Facts { manifest: m, parts, .. } = &facts;
     let p = &m.parameters;
     let mut out = String::new();
@@ -173,14 +177,22 @@ pub fn summary(path: &Path) -> anyhow::Result<String> {
         counts.join(", ")
     };
     let most = if p.target_error > 0.0 { "at most " } else { "" };
-    write!(out, "  grids a direction by cycle: {most}{}, ...; ", numbers(&p.perturbations))?;
+    let thinned = match p.thinned {
+        0 => String::new(),
+        thinned => format!(", 1/{}", 1u64 << (2 * thinned)),
+    };
+    write!(
+        out,
+        "  grids a direction by cycle: {most}{}{thinned}, ...; ",
+        numbers(&p.perturbations)
+    )?;
     match p.cycles {
         Some(cycles) => writeln!(out, "{cycles} cycles")?,
         None => writeln!(out, "cycles until {} % is unshot", 100.0 * p.unshot_fraction)?,
     }
     match m.phase {
         Phase::Finished => write!(out, "  finished after {} cycles", m.cycle)?,
-        _ => write!(out, "  not finished: {}", standing(path)?)?,
+        _ => write!(out, "  not finished: {}", standing(path, limits)?)?,
     }
     writeln!(
         out,
@@ -295,8 +307,8 @@ fn size(bytes: u64) -> String {
 }
 
 /// The same as one JSON object.
-pub fn json(path: &Path) -> anyhow::Result<Value> {
-    let facts = facts(path)?;
+pub fn json(path: &Path, limits: &Limits) -> anyhow::Result<Value> {
+    let facts = facts(path, limits)?;
     let (fragments_a_ray, surfaces_a_tile) = (facts.fragments_a_ray(), facts.surfaces_a_tile());
     let Facts { manifest: m, id, parts, surfaces, texels, packed } = facts;
     let ledger: Vec<Value> = m

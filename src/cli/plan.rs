@@ -14,7 +14,7 @@ use vlf::plan::{Plan, plan};
 
 pub fn run(a: &args::Plan) -> anyhow::Result<u8> {
     let b = &a.baking;
-    let (scene, report) = Scene::open(&b.scene)?;
+    let (scene, report) = Scene::open_within(&b.scene, &b.limits)?;
     tell_report(&report);
     let (commit_every, sync) = commits(b.sync);
     let options = Options {

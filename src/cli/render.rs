@@ -7,7 +7,9 @@ use glam::DVec3;
 use serde_json::json;
 use std::path::Path;
 use vlf::Visible;
+use vlf::format::text::shown;
 use vlf::look::image::{Picture, write_exr, write_png};
+use vlf::look::packed::Access;
 use vlf::look::render::{Options, method};
 use vlf::look::tone;
 use vlf::{Camera, DirectionId, LightField};
@@ -26,10 +28,8 @@ pub fn run(a: &args::Render) -> anyhow::Result<u8> {
     let kind = kind(&a.output)?;
     let camera = camera(a)?;
     may_replace(&a.output, kind)?;
-    let field = match a.no_map {
-        true => LightField::open_unmapped(&a.field)?,
-        false => LightField::open(&a.field)?,
-    };
+    let access = if a.no_map { Access::Read } else { Access::Mapped };
+    let field = LightField::open_within(&a.field, access, &a.limits)?;
     let visible = Visible::new(&field.scene);
     check_eye(&field, &visible, &camera)?;
     let options = (a.method.into(), Options { samples: a.samples });
@@ -124,7 +124,7 @@ pub fn check_eye(field: &LightField, visible: &Visible, camera: &Camera) -> anyh
     let eye = camera.view(&field.scene.fit).origin;
     let place = camera.eye;
     if let Some(id) = visible.touching(eye) {
-        let material = &field.scene.material_of(id).name;
+        let material = shown(&field.scene.material_of(id).name);
         return Err(usage(format!(
             "the eye {place} lies on surface {} (material `{material}`); move it into the open",
             id.0

@@ -18,8 +18,8 @@ pub fn run(a: &args::Verify) -> anyhow::Result<u8> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(bake::threads(a.threads)?).build()?;
     let bar = Bar::new("verifying");
     let result = pool.install(|| match a.field.is_dir() {
-        true => verify::field(&Disk::new(&a.field), &|part| bar.part(part)),
-        false => verify::pack(&a.field, &|part| bar.part(part)),
+        true => verify::field(&Disk::within(&a.field, a.limits), &|part| bar.part(part)),
+        false => verify::pack(&a.field, &a.limits, &|part| bar.part(part)),
     });
     bar.end();
     if a.json {
@@ -43,6 +43,7 @@ pub fn run(a: &args::Verify) -> anyhow::Result<u8> {
         None => 0,
         Some(Trouble::Damaged) => exit::CORRUPT,
         Some(Trouble::Unsupported) => exit::UNSUPPORTED,
+        Some(Trouble::Limited) => exit::LIMIT,
         Some(Trouble::Unreadable) => exit::IO,
     })
 }

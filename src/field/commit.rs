@@ -17,8 +17,8 @@ use crate::radiance::Rgb;
 use crate::scene::texels;
 use std::io::{self, BufWriter};
 use std::path::Path;
-use std::sync::PoisonError;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
 
 /// Bytes gathered before they are written; larger parts are written as they come.
 const BUFFER: usize = 1 << 16;
@@ -68,6 +68,21 @@ impl Field {
         let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder);
         self.name_changed_in(folder);
         Ok(())
+    }
+
+    /// Makes sure that the disk has room for so many bytes, where that can be known. A write that is not
+    /// begun leaves the field as it is, and what was done can still be committed.
+    ///
+    /// # Errors
+    /// [`FieldError::Full`] when it has not.
+    pub fn check_room(&self, bytes: u64) -> Result<(), FieldError> {
+        let Some(free) = self.storage.free().filter(|free| *free < bytes) else { return Ok(()) };
+        let [free, bytes] = [free, bytes].map(|b| bytesize::ByteSize::b(b).display().iec());
+        let why = format!("{free} free, {bytes} kept for what is under way and its commit");
+        Err(FieldError::Full {
+            path: self.path().join(names::manifest(self.manifest.sequence + 1)),
+            source: Arc::new(io::Error::new(io::ErrorKind::StorageFull, why)),
+        })
     }
 
     fn name_changed_in(&self, folder: &str) {

@@ -6,6 +6,7 @@ use super::storage::{Input, Storage};
 use crate::format::container::{
     self, ALIGN, ChunkEntry, ChunkHasher, ChunkKind, Codec, Directory, FileKind, Header,
 };
+use crate::format::limits::Limits;
 use crate::format::{Fault, FormatError, room_for};
 use std::path::{Path, PathBuf};
 
@@ -42,11 +43,12 @@ pub fn open(storage: &dyn Storage, name: &str, kind: FileKind) -> Result<Opened,
     };
     let in_file = |f: Fault| FieldError::Format(f.in_file(path.display()));
     let mut head = read(HEAD)?;
-    let needed = Directory::length(&head, length).map_err(in_file)?;
+    let limits = storage.limits();
+    let needed = Directory::length(&head, length, &limits).map_err(in_file)?;
     if needed > head.len() {
         head = read(needed as u64)?;
     }
-    let directory = Directory::parse(&head, length).map_err(in_file)?;
+    let directory = Directory::parse(&head, length, &limits).map_err(in_file)?;
     directory.is_of(kind).map_err(in_file)?;
     Ok(Opened { directory, length, input, path })
 }
@@ -55,10 +57,10 @@ pub fn open(storage: &dyn Storage, name: &str, kind: FileKind) -> Result<Opened,
 ///
 /// # Errors
 /// As [`open`].
-pub fn open_at(path: &Path, kind: FileKind) -> Result<Opened, FieldError> {
+pub fn open_at(path: &Path, kind: FileKind, limits: &Limits) -> Result<Opened, FieldError> {
     let folder = path.parent().filter(|p| *p != Path::new("")).unwrap_or(Path::new("."));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    open(&Disk::new(folder), &name, kind)
+    open(&Disk::within(folder, *limits), &name, kind)
 }
 
 impl Opened {

@@ -21,6 +21,7 @@ use crate::format::container::{FieldId, FileKind, Header, MAGIC, NO_DIRECTION};
 use crate::format::manifest::{
     ErrorEstimate, Manifest, Parameters, Phase, Statistics, header, record_to_bytes,
 };
+use crate::format::text::inert;
 use crate::format::{Fault, FormatError, names};
 use crate::scene::{Scene, stored};
 use std::io;
@@ -84,7 +85,10 @@ pub enum FieldError {
         who: String,
     },
     /// Two bakes could not be kept apart.
-    #[error("{path}: cannot be locked ({source}); if no other bake writes there, use --no-lock")]
+    #[error(
+        "{path}: this filesystem has no locks ({source}); use --no-lock if you are sure that no other \
+         bake writes there"
+    )]
     NoLocks {
         /// The field.
         path: PathBuf,
@@ -235,7 +239,8 @@ impl Field {
 
         let files = manifest_files(&*storage)?;
         let (manifest, header, notice, begun) = if files.iter().any(Option::is_some) {
-            let (header, manifest, fault) = Manifest::newest(&path.display().to_string(), files)?;
+            let (header, manifest, fault) =
+                Manifest::newest(&path.display().to_string(), files, &storage.limits())?;
             header.check_writable().map_err(|f| f.in_file(path.display()))?;
             if let Some(what) = difference(&manifest, &fresh) {
                 return Err(FieldError::Identity { path, what });
@@ -276,7 +281,7 @@ impl Field {
     /// The commit before the one taken up, if it is sound: its files stay until the next commit.
     fn keep_previous(&mut self) -> Result<(), FieldError> {
         for (name, bytes) in manifest_files(&*self.storage)?.into_iter().flatten() {
-            match Manifest::from_file(&name, &bytes) {
+            match Manifest::from_file(&name, &bytes, &self.storage.limits()) {
                 Ok((_, m)) if m.sequence < self.manifest.sequence => self.committed.insert(0, m),
                 _ => {}
             }
@@ -366,7 +371,7 @@ fn locked(storage: &dyn Storage) -> Result<Lock, FieldError> {
         LockError::Held(who) if who.is_empty() => {
             FieldError::Locked { path, who: "another process".to_owned() }
         }
-        LockError::Held(who) => FieldError::Locked { path, who: who.escape_debug().to_string() },
+        LockError::Held(who) => FieldError::Locked { path, who: inert(&who, 200) },
         LockError::Unsupported(e) => FieldError::NoLocks { path, source: Arc::new(e) },
     })
 }
@@ -394,7 +399,8 @@ pub fn read_manifest(storage: &dyn Storage) -> Result<(Header, Manifest), FieldE
         // A folder without a field is another mistake than none at all.
         storage.list("").map_err(FieldError::io("read", storage.place()))?;
     }
-    let (header, manifest, _) = Manifest::newest(&storage.place().display().to_string(), files)?;
+    let (header, manifest, _) =
+        Manifest::newest(&storage.place().display().to_string(), files, &storage.limits())?;
     Ok((header, manifest))
 }
 

@@ -323,7 +323,9 @@ impl Pages {
         if entry.raw > self.largest {
             let limit = self.largest;
             let what = "page of unshot radiance (grant the bake more --memory): its length";
-            return Err(self.fault(direction, Fault::Limit { what, value: entry.raw, limit }));
+            return Err(
+                self.fault(direction, Fault::Limit { what, value: entry.raw, limit, flag: None })
+            );
         }
         let Some(Buffer { bytes, room }) = self.reserve(entry.raw, may_wait) else {
             return Ok(None);

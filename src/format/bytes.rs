@@ -166,6 +166,7 @@ impl<'a> Reader<'a> {
                 what: "text length",
                 value: len.into(),
                 limit: limit.into(),
+                flag: None,
             });
         }
         String::from_utf8(self.take(len as usize)?.to_vec())

@@ -16,7 +16,8 @@
 )]
 
 use super::bytes::{Reader, Writer};
-use super::{Fault, FormatError, READS_MAJOR, limits, room_for, tiles};
+use super::limits::{self, Limits};
+use super::{Fault, FormatError, READS_MAJOR, room_for, tiles};
 use std::borrow::Cow;
 use std::hash::Hasher;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -288,17 +289,24 @@ fn may_hold(file: FileKind, chunk: ChunkKind) -> bool {
     }
 }
 
-/// The most bytes that a chunk may have, decoded, in a file with this first block.
-fn most_raw(kind: ChunkKind, header: &Header) -> u64 {
+/// Checks how many bytes a chunk has, decoded, in a file with this first block.
+fn check_raw(kind: ChunkKind, raw: u64, header: &Header, limits: &Limits) -> Result<u64, Fault> {
+    let Header { resolution, tile, surfaces, .. } = *header;
     match kind {
-        ChunkKind::Record => limits::META,
-        ChunkKind::Scene => limits::CHUNK,
-        ChunkKind::TotalTexture | ChunkKind::CurrentTexture | ChunkKind::HalfTexture => {
-            limits::TEXTURE
+        ChunkKind::Record if raw <= limits::RECORD => Ok(raw),
+        ChunkKind::Record => {
+            let limit = limits::RECORD;
+            Err(Fault::Limit { what: "chunk length", value: raw, limit, flag: None })
         }
-        ChunkKind::Sums => limits::SUMS,
+        ChunkKind::Scene => limits.check_chunk(raw, u64::MAX),
+        // Two values of three f32 a texel.
+        ChunkKind::TotalTexture | ChunkKind::CurrentTexture | ChunkKind::HalfTexture => {
+            limits.check_texel_chunk(raw, 0, 24)
+        }
+        // Ten numbers of sixteen bytes, and for each half two times four of eight a texel.
+        ChunkKind::Sums => limits.check_texel_chunk(raw, 10 * 16, 128),
         ChunkKind::Unshot | ChunkKind::Arrived | ChunkKind::Total => {
-            tiles::most_bytes(header.resolution, header.tile, header.surfaces).min(limits::CHUNK)
+            limits.check_chunk(raw, tiles::most_bytes(resolution, tile, surfaces))
         }
     }
 }
@@ -372,7 +380,7 @@ impl Header {
 
     /// Checks a first block against the length of its file. Returns it with the number of chunks and
     /// the directory's hash.
-    fn parse(block: &[u8], file_len: u64) -> Result<(Header, u64, u64), Fault> {
+    fn parse(block: &[u8], file_len: u64, limits: &Limits) -> Result<(Header, u64, u64), Fault> {
         let is_magic = block.iter().zip(&MAGIC).all(|(byte, magic)| byte == magic);
         if !is_magic || block.is_empty() {
             // CR LF turned into LF, or LF into CR LF, right behind the letters.
@@ -405,16 +413,12 @@ impl Header {
         let required_to_write = r.u64()?;
         // Optional features may be ignored.
         r.u64()?;
-        let limit = |what, value: u32, limit: u32| match value <= limit {
-            true => Ok(value),
-            false => Err(Fault::Limit { what, value: value.into(), limit: limit.into() }),
-        };
         let kind = file_kind(r.u32()?)?;
-        let directions = limit("direction count", r.u32()?, limits::DIRECTIONS)?;
-        let resolution = limit("resolution", r.u32()?, limits::RESOLUTION)?;
-        let tile = limit("tile size", r.u32()?, limits::TILE)?;
+        let directions = limits.check_directions(r.u32()?)?;
+        let resolution = limits.check_resolution(r.u32()?)?;
+        let tile = limits.check_tile(r.u32()?)?;
         let exponent = r.i32()?;
-        let surfaces = limit("surface count", r.u32()?, limits::SURFACES)?;
+        let surfaces = limits.check_surfaces(r.u32()?)?;
         if tile == 0 || resolution == 0 || !resolution.is_multiple_of(tile) {
             return Err(Fault::invalid(format!("resolution {resolution} in tiles of {tile}")));
         }
@@ -463,7 +467,7 @@ impl ChunkEntry {
         w.u64(0);
     }
 
-    fn parse(r: &mut Reader, header: &Header) -> Result<ChunkEntry, Fault> {
+    fn parse(r: &mut Reader, header: &Header, limits: &Limits) -> Result<ChunkEntry, Fault> {
         let kind = chunk_kind(r.u32()?)?;
         let (cycle, direction) = (r.u32()?, r.u32()?);
         let codec = match r.u32()? {
@@ -481,10 +485,7 @@ impl ChunkEntry {
                 header.kind
             )));
         }
-        let limit = most_raw(kind, header);
-        if raw > limit {
-            return Err(Fault::Limit { what: "chunk length", value: raw, limit });
-        }
+        check_raw(kind, raw, header, limits)?;
         if (codec == Codec::Raw && raw != stored) || stored > most_stored(raw) {
             return Err(Fault::invalid(format!("{stored} bytes are stored for a chunk of {raw}")));
         }
@@ -543,15 +544,15 @@ impl Directory {
     ///
     /// # Errors
     /// A first block that is not sound, or a file too short for its directory.
-    pub fn length(block: &[u8], file_len: u64) -> Result<usize, Fault> {
-        let (header, chunks, _) = Header::parse(block, file_len)?;
+    pub fn length(block: &[u8], file_len: u64, limits: &Limits) -> Result<usize, Fault> {
+        let (header, chunks, _) = Header::parse(block, file_len, limits)?;
         let limit = match header.kind {
             FileKind::Pack => 3 + u64::from(header.directions),
             FileKind::Textures => 3,
             _ => 2,
         };
         if chunks > limit {
-            return Err(Fault::Limit { what: "chunk count", value: chunks, limit });
+            return Err(Fault::Limit { what: "chunk count", value: chunks, limit, flag: None });
         }
         if header.kind == FileKind::Pack && chunks < limit {
             return Err(Fault::Missing(format!(
@@ -572,9 +573,9 @@ impl Directory {
     ///
     /// # Errors
     /// The first fault found.
-    pub fn parse(head: &[u8], file_len: u64) -> Result<Directory, Fault> {
-        let (header, chunks, hash) = Header::parse(head, file_len)?;
-        let end = Directory::length(head, file_len)?;
+    pub fn parse(head: &[u8], file_len: u64, limits: &Limits) -> Result<Directory, Fault> {
+        let (header, chunks, hash) = Header::parse(head, file_len, limits)?;
+        let end = Directory::length(head, file_len, limits)?;
         let table = head
             .get(FIRST_BLOCK..end)
             .ok_or(Fault::Truncated { expected: end as u64, actual: head.len() as u64 })?;
@@ -586,7 +587,7 @@ impl Directory {
         let mut entries: Vec<ChunkEntry> = room_for(chunks, || "directory".into())?;
         let mut at = end as u64;
         for i in 0..chunks {
-            let entry = ChunkEntry::parse(&mut r, &header)?;
+            let entry = ChunkEntry::parse(&mut r, &header, limits)?;
             entry.check_place(&header, entries.last())?;
             if entry.offset != at.next_multiple_of(ALIGN as u64) {
                 return Err(Fault::invalid(format!("chunk {i} is not where the one before ends")));
@@ -805,8 +806,14 @@ pub fn to_bytes(header: Header, chunks: &[(ChunkId, Codec, &[u8])]) -> io::Resul
 ///
 /// # Errors
 /// The first fault found, with the file's name; or another kind of file than `kind`.
-pub fn open(name: &str, file: &[u8], kind: FileKind) -> Result<Directory, FormatError> {
-    let directory = Directory::parse(file, file.len() as u64).map_err(|f| f.in_file(name))?;
+pub fn open(
+    name: &str,
+    file: &[u8],
+    kind: FileKind,
+    limits: &Limits,
+) -> Result<Directory, FormatError> {
+    let directory = Directory::parse(file, file.len() as u64, limits);
+    let directory = directory.map_err(|f| f.in_file(name))?;
     directory.is_of(kind).map_err(|f| f.in_file(name))?;
     Ok(directory)
 }

@@ -10,7 +10,8 @@
 )]
 
 use super::container::{self, ChunkId, ChunkKind, FieldId, FileKind, Header, NO_DIRECTION};
-use super::{Fault, FormatError, limits};
+use super::limits::{self, Limits};
+use super::{Fault, FormatError};
 use serde::{Deserialize, Serialize};
 
 /// What decides the bits of a field, besides the scene.
@@ -26,8 +27,11 @@ pub struct Parameters {
     pub cycles: Option<u32>,
     /// With `auto`: stop when this fraction of the emitted power is still unshot.
     pub unshot_fraction: f64,
-    /// PSFs each line stands for in each cycle, its own included; the last counts for all later cycles.
+    /// PSFs each line stands for in each cycle, its own included; see `thinned` for later cycles.
     pub perturbations: Vec<u32>,
+    /// In cycles later than `perturbations` names, only the lines of a lattice with steps `2^thinned`
+    /// times as long; with 0, the last of `perturbations` counts for all of them.
+    pub thinned: u32,
     /// Edge of a texel in cells.
     pub texel_cells: f64,
     /// Passes of the binomial filter over each cycle's Next Texture Maps.
@@ -74,6 +78,7 @@ impl Default for Parameters {
             cycles: None,
             unshot_fraction: 1e-3,
             perturbations: vec![1],
+            thinned: 0,
             texel_cells: 1.0,
             filter: 0,
             one_sided: false,
@@ -91,9 +96,38 @@ impl Parameters {
         self.specular == Specular::Maps
     }
 
+    /// The PSFs of a cycle. Where mirrors' maps are written, each needs those of all lines.
+    pub fn grids(&self, cycle: u32) -> Grids {
+        let counts = &self.perturbations;
+        let thins = self.thinned > 0 && !self.stores_mirrors();
+        match counts.get(cycle as usize).or(counts.last().filter(|_| !thins)) {
+            Some(&perturbations) => Grids { perturbations, thinned: 0 },
+            None => Grids { perturbations: 1, thinned: self.thinned },
+        }
+    }
+
     /// Whether mirrors' total maps are what was stored of them.
     pub fn totals_from_store(&self) -> bool {
         self.stores_mirrors() && !self.resample
+    }
+}
+
+/// The most that steps of the lattice can be doubled for late cycles.
+pub const MOST_THINNED: u32 = 9;
+
+/// The PSFs of one cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Grids {
+    /// PSFs that each of its lines stands for, its own included.
+    pub perturbations: u32,
+    /// Its lines are those of a lattice with steps `2^thinned` times as long.
+    pub thinned: u32,
+}
+
+impl Grids {
+    /// PSFs for each line of the full lattice.
+    pub fn per_line(self) -> f64 {
+        f64::from(self.perturbations) / f64::from(4u32.pow(self.thinned.min(MOST_THINNED)))
     }
 }
 
@@ -267,7 +301,7 @@ fn config() -> impl bincode::config::Config {
     bincode::config::standard()
         .with_little_endian()
         .with_fixed_int_encoding()
-        .with_limit::<{ limits::META as usize }>()
+        .with_limit::<{ limits::RECORD as usize }>()
 }
 
 /// Encodes a small metadata record.
@@ -299,8 +333,12 @@ impl Manifest {
     ///
     /// # Errors
     /// The first fault found.
-    pub fn from_file(name: &str, file: &[u8]) -> Result<(Header, Manifest), FormatError> {
-        let directory = container::open(name, file, FileKind::Manifest)?;
+    pub fn from_file(
+        name: &str,
+        file: &[u8],
+        limits: &Limits,
+    ) -> Result<(Header, Manifest), FormatError> {
+        let directory = container::open(name, file, FileKind::Manifest, limits)?;
         let read = || {
             let entry = directory.find(ChunkKind::Record, NO_DIRECTION)?;
             let manifest: Manifest = record_from_bytes(&directory.chunk(file, entry)?)?;
@@ -315,21 +353,22 @@ impl Manifest {
     /// higher sequence. Also says what is wrong with the other one, if anything is.
     ///
     /// # Errors
-    /// When none is there or sound, or one was made by a later version.
+    /// When none is there or sound, one was made by a later version, or one is beyond the limits.
     pub fn newest(
         field: &str,
         files: [Option<(String, Vec<u8>)>; 2],
+        limits: &Limits,
     ) -> Result<(Header, Manifest, Option<FormatError>), FormatError> {
         let mut best: Option<(Header, Manifest)> = None;
         let mut fault = None;
         for (name, bytes) in files.into_iter().flatten() {
-            match Manifest::from_file(&name, &bytes) {
+            match Manifest::from_file(&name, &bytes, limits) {
                 Ok((header, manifest)) => {
                     if best.as_ref().is_none_or(|(_, m)| m.sequence < manifest.sequence) {
                         best = Some((header, manifest));
                     }
                 }
-                Err(e) if e.fault.is_unsupported() => return Err(e),
+                Err(e) if e.fault.is_unsupported() || e.fault.is_limited() => return Err(e),
                 Err(e) => fault = Some(e),
             }
         }
@@ -355,7 +394,7 @@ impl Manifest {
         if !same || self.done.len() != (p.directions as usize).div_ceil(8) {
             return Err(Fault::invalid("its parameters are not those of its first block"));
         }
-        let counts = p.filter <= 64;
+        let counts = p.filter <= 64 && p.thinned <= MOST_THINNED;
         if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() || !counts {
             return Err(Fault::invalid("its parameters are out of range"));
         }

@@ -6,18 +6,23 @@
 //!
 //! Numbers are little-endian; sizes are checked before anything is allocated; nothing here is
 //! `unsafe`, and no serde runs on tables or tiles. Arithmetic, casts and indexing that could fail are
-//! denied where untrusted bytes are read, but for [`tiles`], whose check comes before its lookups.
+//! denied where untrusted bytes are read; lookups in tile maps come behind a check of the whole map.
 
 pub mod bytes;
 
 pub mod container;
 
+pub mod limits;
+
 pub mod manifest;
 
 pub mod names;
 
+pub mod text;
+
 pub mod tiles;
 
+use limits::{Flag, in_brackets};
 use std::fmt;
 
 /// What is wrong with a file.
@@ -79,7 +84,7 @@ pub enum Fault {
         offset: u64,
     },
     /// A number above a limit.
-    #[error("{what} {value} exceeds the limit of {limit}")]
+    #[error("{what} {value} exceeds limit {limit}{}", in_brackets(.flag))]
     Limit {
         /// Which number.
         what: &'static str,
@@ -87,6 +92,8 @@ pub enum Fault {
         value: u64,
         /// What is allowed.
         limit: u64,
+        /// What allows more.
+        flag: Flag,
     },
     /// More memory than the system gives.
     #[error("{what}: no memory for its {bytes} bytes")]
@@ -123,6 +130,11 @@ impl Fault {
         use Fault::{ByteOrder, Feature, ReadOnlyFeature, Version};
         matches!(self, Version { .. } | Feature(_) | ReadOnlyFeature(_) | ByteOrder)
     }
+
+    /// Whether the file may be good but is beyond a limit that a flag raises.
+    pub fn is_limited(&self) -> bool {
+        matches!(self, Fault::Limit { flag: Some(_), .. })
+    }
 }
 
 /// Room for `count` items that a file asks for, or an error where infallible allocation would end the
@@ -139,31 +151,6 @@ pub fn room_for<T>(count: u64, what: impl FnOnce() -> String) -> Result<Vec<T>, 
             Err(Fault::Memory { what: what(), bytes })
         }
     }
-}
-
-/// Largest values a file may state; anything beyond is refused before memory is asked for.
-pub mod limits {
-    /// Lines of a field.
-    pub const DIRECTIONS: u32 = crate::directions::MOST_LINES;
-    /// Cells along the edge of a PSF.
-    pub const RESOLUTION: u32 = 1 << 13;
-    /// Cells along the edge of a tile.
-    pub const TILE: u32 = 256;
-    /// Surfaces of a scene.
-    pub const SURFACES: u32 = 1 << 24;
-    /// Texels of a scene.
-    pub const TEXELS: u64 = 1 << 27;
-    /// Bytes of a scene or of a tile map, decoded: 2^24 surfaces of a triangle each take 1.7 GB, four
-    /// full layers at the largest resolution 3.2 GB.
-    pub const CHUNK: u64 = 1 << 32;
-    /// Bytes of a texture map: two values of three f32 a texel.
-    pub const TEXTURE: u64 = 24 * TEXELS;
-    /// Bytes of the sums of a cycle: ten of sixteen bytes, and two times four of eight a texel.
-    pub const SUMS: u64 = 10 * 16 + 128 * TEXELS;
-    /// Surfaces whose error a record states.
-    pub const WORST: usize = 64;
-    /// Bytes of the manifest's record.
-    pub const META: u64 = 64 << 20;
 }
 
 #[cfg(test)]

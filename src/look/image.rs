@@ -4,6 +4,7 @@
 //! what a screen shows and goes to PNG. A file appears whole or not at all: it is written beside its
 //! place under another name and renamed.
 
+use crate::format::text::inert;
 use crate::radiance::Rgb;
 use exr::prelude::{
     Encoding, FlatSamples, Image, Layer, LayerAttributes, MetaData, ReadChannels, ReadLayers,
@@ -60,7 +61,7 @@ pub enum ImageError {
         source: io::Error,
     },
     /// The bytes are not a picture, or of a kind that is not read here.
-    #[error("{}: not a readable OpenEXR picture: {why}", path.display())]
+    #[error("{}: not a readable OpenEXR picture: {}", path.display(), inert(why, 200))]
     Damaged {
         /// The file.
         path: PathBuf,

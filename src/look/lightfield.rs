@@ -6,9 +6,10 @@
 
 use crate::directions::Directions;
 use crate::format::container::{self, ChunkKind, Directory, FileKind, Header, NO_DIRECTION};
+use crate::format::limits::Limits;
 use crate::format::manifest::{Manifest, Phase, record_from_bytes};
 use crate::format::tiles::{Layout, TileMap};
-use crate::format::{Fault, FormatError, limits, names};
+use crate::format::{Fault, FormatError, names};
 use crate::gather::{Around, mirrored};
 use crate::ids::{DirectionId, Side, SurfaceId};
 use crate::look::packed::{Access, PackFile};
@@ -78,7 +79,7 @@ pub struct LightField {
 
 enum Source {
     Pack { file: PackFile, directory: Directory },
-    Field { path: PathBuf, header: Header },
+    Field { path: PathBuf, header: Header, limits: Limits },
 }
 
 /// A direction's map: where it lies in the mapped file, or its bytes.
@@ -104,10 +105,15 @@ fn read(path: &Path) -> Result<Vec<u8>, LookError> {
 }
 
 /// A chunk of a field's file, which must be of the field, generation and direction of `place`.
-fn chunk_of(path: &Path, place: &Header, chunk: ChunkKind) -> Result<Vec<u8>, LookError> {
+fn chunk_of(
+    path: &Path,
+    place: &Header,
+    chunk: ChunkKind,
+    limits: &Limits,
+) -> Result<Vec<u8>, LookError> {
     let bytes = read(path)?;
     let name = path.display().to_string();
-    let directory = container::open(&name, &bytes, place.kind)?;
+    let directory = container::open(&name, &bytes, place.kind, limits)?;
     let decoded = || {
         directory.header.check_place(&place.field, (place.generation, place.direction))?;
         directory.chunk(&bytes, directory.find(chunk, place.direction)?)
@@ -122,27 +128,31 @@ impl LightField {
     /// # Errors
     /// When it is missing, neither of the two, damaged, or not finished.
     pub fn open(path: &Path) -> Result<LightField, LookError> {
-        Self::open_by(path, Access::Mapped)
+        Self::open_within(path, Access::Mapped, &Limits::default())
     }
 
-    /// The same without a mapping: a pack is read piece by piece, and one that is cut short meanwhile
-    /// is an error like any other. Maps that were looked at stay in memory.
+    /// The same by another access and within other limits on what a file may state. A pack that is read
+    /// piece by piece and cut short meanwhile is an error like any other; maps of it that were looked
+    /// at stay in memory.
     ///
     /// # Errors
     /// As [`LightField::open`].
-    pub fn open_unmapped(path: &Path) -> Result<LightField, LookError> {
-        Self::open_by(path, Access::Read)
+    pub fn open_within(
+        path: &Path,
+        access: Access,
+        limits: &Limits,
+    ) -> Result<LightField, LookError> {
+        match path.is_dir() {
+            true => Self::open_field(path, limits),
+            false => Self::open_pack(path, access, limits),
+        }
     }
 
-    fn open_by(path: &Path, access: Access) -> Result<LightField, LookError> {
-        if path.is_dir() { Self::open_field(path) } else { Self::open_pack(path, access) }
-    }
-
-    fn open_pack(path: &Path, access: Access) -> Result<LightField, LookError> {
+    fn open_pack(path: &Path, access: Access, limits: &Limits) -> Result<LightField, LookError> {
         let failed = |source| LookError::Io { path: path.to_owned(), source };
         let name = path.display().to_string();
         let file = PackFile::open(path, access).map_err(failed)?;
-        let directory = file.directory()?;
+        let directory = file.directory(limits)?;
         let chunk = |kind| file.chunk(&directory, directory.find(kind, NO_DIRECTION)?);
         let parts = || -> Result<_, Fault> {
             let manifest: Manifest = record_from_bytes(&chunk(ChunkKind::Record)?)?;
@@ -153,11 +163,11 @@ impl LightField {
             if directory.entries.iter().any(|e| e.id.cycle != manifest.cycle) {
                 return Err(Fault::invalid("its chunks are not of the record's cycle"));
             }
-            let scene = stored::from_bytes(&chunk(ChunkKind::Scene)?)?;
+            let scene = stored::from_bytes(&chunk(ChunkKind::Scene)?, limits)?;
             check_scene(&scene, directory.header.surfaces)?;
             let texture = directory.find(ChunkKind::TotalTexture, NO_DIRECTION)?;
-            let (texels, total) =
-                textures_of(&scene, &manifest, texture.raw, || file.chunk(&directory, texture))?;
+            let bytes = || file.chunk(&directory, texture);
+            let (texels, total) = textures_of(&scene, &manifest, texture.raw, bytes, limits)?;
             Ok((manifest, scene, texels, total))
         };
         let (manifest, scene, texels, total) = parts().map_err(|f| f.in_file(&name))?;
@@ -166,7 +176,7 @@ impl LightField {
         Self::assemble(&name, (scene, texels, total), manifest, exponent, source)
     }
 
-    fn open_field(path: &Path) -> Result<LightField, LookError> {
+    fn open_field(path: &Path, limits: &Limits) -> Result<LightField, LookError> {
         let manifest = |name: &str| match read(&path.join(name)) {
             Ok(bytes) => Ok(Some((path.join(name).display().to_string(), bytes))),
             Err(LookError::Io { source, .. }) if source.kind() == NotFound => Ok(None),
@@ -174,7 +184,7 @@ impl LightField {
         };
         let [first, second] = names::MANIFESTS;
         let files = [manifest(first)?, manifest(second)?];
-        let (header, manifest, _) = Manifest::newest(&path.display().to_string(), files)?;
+        let (header, manifest, _) = Manifest::newest(&path.display().to_string(), files, limits)?;
         if manifest.phase != Phase::Finished {
             return Err(LookError::Unfinished {
                 path: path.to_owned(),
@@ -185,18 +195,18 @@ impl LightField {
         }
         let place = |kind, generation| Header { kind, generation, ..header.clone() };
         let scene_path = path.join(names::SCENE);
-        let bytes = chunk_of(&scene_path, &place(FileKind::Scene, 0), ChunkKind::Scene)?;
+        let bytes = chunk_of(&scene_path, &place(FileKind::Scene, 0), ChunkKind::Scene, limits)?;
         let in_scene = |f: Fault| f.in_file(scene_path.display());
-        let scene = stored::from_bytes(&bytes).map_err(in_scene)?;
+        let scene = stored::from_bytes(&bytes, limits).map_err(in_scene)?;
         check_scene(&scene, header.surfaces).map_err(in_scene)?;
         let texture_path = path.join(names::textures(manifest.cycle));
         let textures = place(FileKind::Textures, manifest.cycle);
-        let bytes = chunk_of(&texture_path, &textures, ChunkKind::TotalTexture)?;
-        let (texels, total) =
-            textures_of(&scene, &manifest, bytes.len() as u64, || Ok(Cow::Owned(bytes)))
-                .map_err(|f| f.in_file(texture_path.display()))?;
+        let bytes = chunk_of(&texture_path, &textures, ChunkKind::TotalTexture, limits)?;
+        let raw = bytes.len() as u64;
+        let (texels, total) = textures_of(&scene, &manifest, raw, || Ok(Cow::Owned(bytes)), limits)
+            .map_err(|f| f.in_file(texture_path.display()))?;
         let exponent = header.exponent;
-        let source = Source::Field { path: path.to_owned(), header };
+        let source = Source::Field { path: path.to_owned(), header, limits: *limits };
         let parts = (scene, texels, total);
         Self::assemble(&path.display().to_string(), parts, manifest, exponent, source)
     }
@@ -254,13 +264,14 @@ impl LightField {
                 let place = || format!("{}: direction {direction}", file.name());
                 load().map_err(|f: Fault| f.in_file(place()))
             }
-            Source::Field { path, header } => {
+            Source::Field { path, header, limits } => {
                 let path = names::tiles(path, names::TOTAL, direction);
                 let name = path.display().to_string();
                 let generation = self.manifest.cycle;
                 let place =
                     Header { kind: FileKind::Tiles, generation, direction, ..header.clone() };
-                let bytes = chunk_of(&path, &place, ChunkKind::Total).map_err(|e| match e {
+                let bytes = chunk_of(&path, &place, ChunkKind::Total, limits);
+                let bytes = bytes.map_err(|e| match e {
                     LookError::Format(e) => e,
                     other => Fault::Missing(other.to_string()).in_file(&name),
                 })?;
@@ -376,8 +387,9 @@ fn textures_of<'a>(
     manifest: &Manifest,
     raw: u64,
     bytes: impl FnOnce() -> Result<Cow<'a, [u8]>, Fault>,
+    limits: &Limits,
 ) -> Result<(Texels, Vec<Rgb>), Fault> {
-    let count = texel_count(scene, manifest)?;
+    let count = texel_count(scene, manifest, limits)?;
     if 24 * count != raw {
         return Err(Fault::invalid(format!("texture map: {raw} bytes for {count} texels")));
     }
@@ -389,11 +401,8 @@ fn textures_of<'a>(
 ///
 /// # Errors
 /// When they are more than a field may have.
-pub fn texel_count(scene: &Scene, manifest: &Manifest) -> Result<u64, Fault> {
-    match Texels::count(scene, texel_edge(manifest)) {
-        count if count <= limits::TEXELS => Ok(count),
-        value => Err(Fault::Limit { what: "texel count", value, limit: limits::TEXELS }),
-    }
+pub fn texel_count(scene: &Scene, manifest: &Manifest, limits: &Limits) -> Result<u64, Fault> {
+    limits.check_texels(Texels::count(scene, texel_edge(manifest)))
 }
 
 fn texel_edge(manifest: &Manifest) -> f32 {

@@ -5,6 +5,7 @@
 
 use super::mapping::Mapping;
 use crate::format::container::{ChunkEntry, Directory, FIRST_BLOCK, FileKind};
+use crate::format::limits::Limits;
 use crate::format::{Fault, FormatError, room_for};
 use std::borrow::Cow;
 use std::fs::File;
@@ -73,11 +74,11 @@ impl PackFile {
     ///
     /// # Errors
     /// The first fault found.
-    pub fn directory(&self) -> Result<Directory, FormatError> {
+    pub fn directory(&self, limits: &Limits) -> Result<Directory, FormatError> {
         let directory = || {
             let head = self.piece(0, self.length.min(FIRST_BLOCK as u64))?;
-            let needed = Directory::length(&head, self.length)?;
-            let directory = Directory::parse(&self.piece(0, needed as u64)?, self.length)?;
+            let needed = Directory::length(&head, self.length, limits)?;
+            let directory = Directory::parse(&self.piece(0, needed as u64)?, self.length, limits)?;
             directory.is_of(FileKind::Pack).map(|()| directory)
         };
         directory().map_err(|f| f.in_file(&self.name))

@@ -233,7 +233,7 @@ impl Rehearsal {
         let all = f64::from(shared.parameters.directions);
         let target_error = (shared.parameters.target_error * all / f64::from(lines)).min(1.0);
         let parameters =
-            Parameters { directions: lines, target_error, ..shared.parameters.clone() };
+            Parameters { directions: lines, thinned: 0, target_error, ..shared.parameters.clone() };
         let threads = options.threads.max(1) as u64;
         let need = {
             let directions = Directions::with_lines(lines);
@@ -342,7 +342,11 @@ impl Rehearsal {
             let (Some(first), Some(last)) = (reports.first(), reports.last()) else { continue };
             // The axes take too large a part of few lines; perturbed ones are away from them.
             let grids = self.manifest.grids.get(*cycle as usize).copied().unwrap_or(1);
-            let turned = if *totals { 0.0 } else { f64::from(grids.max(1) - 1) };
+            let thinned = shared.parameters.grids(*cycle).thinned;
+            let (turned, part) = match totals {
+                true => (0.0, 1.0),
+                false => (f64::from(grids.max(1) - 1), 0.25f64.powi(thinned as i32)),
+            };
             let fragments = (turned + sample.fragments) / (turned + 1.0);
             let direction = self.direction(reports);
             let rounds = (reports.len() as f64 / lines).max(1.0);
@@ -352,7 +356,7 @@ impl Rehearsal {
             let end = if *totals { *ended } else { commits.get(k + 1).copied().unwrap_or(*last) };
             let rest = (end - *last).at_least_none();
             let step = direction
-                .map(|s| s * all * rounds * fragments)
+                .map(|s| s * all * rounds * part * fragments)
                 .and(self.files((k, *totals), sample, all))
                 .and(rest);
             if k == 0 {

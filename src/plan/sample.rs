@@ -5,7 +5,7 @@ use super::rehearsal::{Generation, Rehearsal};
 use crate::bake::BakeError;
 use crate::bake::layers::Layers;
 use crate::bake::memory::Extent;
-use crate::bake::reach::{CutViews, Reach};
+use crate::bake::reach::{self, Sealed};
 use crate::bake::step::Shared;
 use crate::bake::totals::{self, Mirrors};
 use crate::directions::Directions;
@@ -63,8 +63,10 @@ impl Sample {
         let curve = shared.directions.curve();
         let chosen: Vec<DirectionId> = chosen(curve.len()).into_iter().map(|k| curve[k]).collect();
         let mut lit = totals::lit_sides(shared.texels, &rehearsal.total);
-        let sealed = pool.install(|| sealed(shared, &chosen, threads.max(1)));
-        lit.iter_mut().zip(&sealed).for_each(|(lit, sealed)| {
+        // More lines than the rehearsal's: its few leave parts of solids' insides open.
+        let sealed = pool.install(|| reach::sealed(shared, &chosen, || true));
+        let sides = sealed_sides(shared, &sealed);
+        lit.iter_mut().zip(&sides).for_each(|(lit, sealed)| {
             (0..2).for_each(|side| lit[side] &= !sealed[side]);
         });
         let follows = shared.has_mirrors() && !shared.parameters.totals_from_store();
@@ -75,7 +77,7 @@ impl Sample {
         let look = |scratch: &mut (Layers, totals::Scratch), id: DirectionId| {
             let extent = extent(shared, id, &mut scratch.0);
             let total = (rehearsal.total.as_slice(), lit.as_slice());
-            let map = totals::total_map(shared, id, total, mirrors, &mut scratch.1);
+            let map = totals::total_map(shared, id, total, (mirrors, &sealed), &mut scratch.1);
             let failed = FieldError::io("encode", Path::new("total map"));
             let zstd = encode(Codec::Zstd, &map).map_err(failed)?.len() as u64;
             Ok(Look { extent, raw: map.len() as u64, zstd })
@@ -151,30 +153,8 @@ fn chosen(all: usize) -> Vec<usize> {
     if count == all { (0..all).collect() } else { (0..count).map(place).collect() }
 }
 
-/// The sides of surfaces that no light can come to anywhere, as far as more lines than the rehearsal's
-/// show: its few leave parts of solids' insides open.
-fn sealed(shared: &Shared, chosen: &[DirectionId], threads: usize) -> Vec<[bool; 2]> {
-    let values = 2 * shared.texels.len();
-    let cut = &shared.texels.met();
-    let (mut all, mut views) = (Reach::new(values), CutViews::new(values));
-    let sets = (0..threads).into_par_iter().map(|from| {
-        let (mut reach, mut layers) = (Reach::new(values), Layers::default());
-        for id in chosen.iter().skip(from).step_by(threads) {
-            reach.sweep(shared, cut, *id, &mut layers);
-        }
-        reach
-    });
-    sets.collect::<Vec<_>>().iter().for_each(|one| all.merge(one));
-    let mut sealed = all.sealed(shared, cut);
-    let seen = (0..threads).into_par_iter().map(|from| {
-        let (mut views, mut layers) = (CutViews::new(values), Layers::default());
-        for id in chosen.iter().skip(from).step_by(threads) {
-            views.sweep(shared, (cut, &sealed), *id, &mut layers);
-        }
-        views
-    });
-    seen.collect::<Vec<_>>().iter().for_each(|one| views.merge(one));
-    views.seal(&mut sealed);
+/// The sides of surfaces that no light can come to anywhere.
+fn sealed_sides(shared: &Shared, sealed: &Sealed) -> Vec<[bool; 2]> {
     let mut sides = vec![[true; 2]; shared.scene.surfaces.len()];
     for (texel, surface) in shared.texels.surface_of.iter().enumerate() {
         for (side, all) in sides[*surface as usize].iter_mut().enumerate() {

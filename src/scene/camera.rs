@@ -1,6 +1,7 @@
 //! The pinhole camera, in the scene's own units, its JSON file, and its rays in the unit ball.
 
 use super::Fit;
+use crate::format::text::inert;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read};
@@ -46,8 +47,9 @@ pub enum CameraError {
     },
     /// Not JSON, or not a camera's.
     #[error(
-        "not a camera: {0}; write {{\"eye\":[x,y,z],\"target\":[x,y,z],\"up\":[x,y,z],\
-         \"vfov_deg\":d,\"width\":w,\"height\":h}}"
+        "not a camera: {}; write {{\"eye\":[x,y,z],\"target\":[x,y,z],\"up\":[x,y,z],\
+         \"vfov_deg\":d,\"width\":w,\"height\":h}}",
+        inert(&.0.to_string(), 200)
     )]
     Json(#[from] serde_json::Error),
     /// A field whose value cannot be.

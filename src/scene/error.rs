@@ -1,5 +1,6 @@
 //! What can be wrong with a scene's files, each with its place and what to do about it.
 
+use crate::format::limits::{Flag, in_brackets};
 use std::io;
 use std::path::PathBuf;
 
@@ -42,7 +43,7 @@ pub enum SceneError {
         source: io::Error,
     },
     /// More than the stated limit of something.
-    #[error("{}: {what} {found} exceeds the limit {limit}; divide or simplify the scene", path.display())]
+    #[error("{}: {what} {found} exceeds limit {limit}{}; divide or simplify the scene", path.display(), in_brackets(.flag))]
     TooLarge {
         /// The file.
         path: PathBuf,
@@ -52,6 +53,8 @@ pub enum SceneError {
         found: u64,
         /// How much there may be.
         limit: u64,
+        /// What allows more.
+        flag: Flag,
     },
     /// No face that has an area.
     #[error("{}: no face with an area; the scene needs at least one `f` line of three corners", path.display())]

@@ -3,6 +3,7 @@
 use super::report::{Note, NoteKind};
 use super::scan_mtl::Definition;
 use super::{Material, Reflectance};
+use crate::format::text::shown;
 use crate::radiance::Rgb;
 
 /// Diffuse reflectance of faces that have no material, and of textures standing for a colour.
@@ -33,7 +34,7 @@ pub(super) fn classify(
     let mut notes = Vec::new();
     let mut note = |kind, text| {
         let Definition { file, line, .. } = definition.clone();
-        notes.push(Note { kind, subject: format!("material `{name}`"), file, line, text });
+        notes.push(Note { kind, subject: format!("material `{}`", shown(name)), file, line, text });
     };
     let textured = definition.textures.iter().any(|k| k == "map_Kd");
     if !mirror && textured && kd.is_black() {

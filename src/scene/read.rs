@@ -8,6 +8,8 @@ use super::report::{Counts, Note, NoteKind, Report};
 use super::scan::{ObjScan, scan_obj};
 use super::scan_mtl::{Definition, scan_mtl};
 use super::{Material, Scene};
+use crate::format::limits::{Limits, in_brackets};
+use crate::format::text::{inert, shown};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::fs::File;
@@ -15,11 +17,11 @@ use std::io::{self, Read};
 use std::panic::catch_unwind;
 use std::path::Path;
 
-/// The most bytes of OBJ and MTL together.
-const MOST_BYTES: u64 = 2 << 30;
-
 /// The most material libraries a scene may name.
 const MOST_LIBRARIES: usize = 1024;
+
+/// The most characters of a library's name that messages show.
+const LONGEST: usize = 200;
 
 impl Scene {
     /// Reads a Wavefront OBJ and the MTL files it names, which are looked for beside it.
@@ -28,18 +30,38 @@ impl Scene {
     /// Anything that cannot be taken as it stands and has no harmless substitute, with file and line
     /// where there is one: see [`SceneError`]. What has a substitute is named in the [`Report`].
     pub fn open(path: &Path) -> Result<(Scene, Report), SceneError> {
-        let mut left = MOST_BYTES;
+        Scene::open_within(path, &Limits::default())
+    }
+
+    /// The same within other limits.
+    ///
+    /// # Errors
+    /// As [`Scene::open`].
+    pub fn open_within(path: &Path, limits: &Limits) -> Result<(Scene, Report), SceneError> {
+        let (limit, flag) = limits.scene_bytes();
+        let mut left = limit;
         let text = read_text(path, &mut left).map_err(|source| match source.kind() {
             io::ErrorKind::FileTooLarge => SceneError::TooLarge {
                 path: path.to_owned(),
                 what: "size in bytes",
-                found: path.metadata().map_or(MOST_BYTES + 1, |m| m.len()),
-                limit: MOST_BYTES,
+                found: path.metadata().map_or(limit + 1, |m| m.len()),
+                limit,
+                flag,
             },
             _ => SceneError::Read { path: path.to_owned(), source },
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Scene::from_text(path, &text, &mut |name| read_text(&folder.join(name), &mut left))
+        let mut library = |name: &str| {
+            read_text(&folder.join(name), &mut left).map_err(|e| match e.kind() {
+                io::ErrorKind::FileTooLarge => {
+                    let what = "with it, the scene's files exceed limit";
+                    let flag = in_brackets(&flag);
+                    io::Error::new(e.kind(), format!("{what} {limit} in bytes{flag}"))
+                }
+                _ => e,
+            })
+        };
+        read(path, &text, &mut library, limits)
     }
 
     /// Reads a scene from OBJ text; `library` gives the text of a material library by the name that
@@ -52,37 +74,44 @@ impl Scene {
         obj: &str,
         library: &mut dyn FnMut(&str) -> io::Result<String>,
     ) -> Result<(Scene, Report), SceneError> {
-        let scan = scan_obj(path, obj)?;
-        let (definitions, mtl) = libraries(path, &scan, library)?;
-        let (positions, faces, read) = through_tobj(path, &scan, &mtl)?;
-        let empty = || SceneError::Empty { path: path.to_owned() };
-        let fit = flat::fit(&positions, &faces).ok_or_else(empty)?;
-        let (points, welded) = flat::weld(&positions, &fit);
-        let points: Vec<DVec3> = points.iter().map(|p| p.as_dvec3()).collect();
-
-        let mut tallies = Tallies { no_area: scan.too_few, ..Tallies::default() };
-        let mut flats: Vec<Flat> = Vec::with_capacity(faces.len());
-        for mut face in faces {
-            face.corners.iter_mut().for_each(|c| *c = welded[*c as usize]);
-            flat::resolve(&points, &face, &mut tallies, &mut flats);
-        }
-        if flats.is_empty() {
-            return Err(empty());
-        }
-        let file = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-        let (materials, mut notes) = materials(&file, &scan, &definitions, &read, &mut flats);
-        notes.extend(face_notes(&file, &tallies));
-        if materials.iter().all(|m| m.emitted.is_black()) {
-            let library = scan.libraries.first().map_or("its MTL file", |(name, _)| name);
-            return Err(SceneError::NoEmitter {
-                path: path.to_owned(),
-                library: library.to_owned(),
-            });
-        }
-        let scene = Scene { surfaces: merge(&points, &flats), materials, fit };
-        let counts = count(&scene, points.len(), &flats);
-        Ok((scene, Report { counts, notes }))
+        read(path, obj, library, &Limits::default())
     }
+}
+
+/// Text to scene, within limits; see [`Scene::from_text`].
+fn read(
+    path: &Path,
+    obj: &str,
+    library: &mut dyn FnMut(&str) -> io::Result<String>,
+    limits: &Limits,
+) -> Result<(Scene, Report), SceneError> {
+    let scan = scan_obj(path, obj, limits)?;
+    let (definitions, mtl) = libraries(path, &scan, library)?;
+    let (positions, faces, read) = through_tobj(path, &scan, &mtl)?;
+    let empty = || SceneError::Empty { path: path.to_owned() };
+    let fit = flat::fit(&positions, &faces).ok_or_else(empty)?;
+    let (points, welded) = flat::weld(&positions, &fit);
+    let points: Vec<DVec3> = points.iter().map(|p| p.as_dvec3()).collect();
+
+    let mut tallies = Tallies { no_area: scan.too_few, ..Tallies::default() };
+    let mut flats: Vec<Flat> = Vec::with_capacity(faces.len());
+    for mut face in faces {
+        face.corners.iter_mut().for_each(|c| *c = welded[*c as usize]);
+        flat::resolve(&points, &face, &mut tallies, &mut flats);
+    }
+    if flats.is_empty() {
+        return Err(empty());
+    }
+    let file = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+    let (materials, mut notes) = materials(&file, &scan, &definitions, &read, &mut flats);
+    notes.extend(face_notes(&file, &tallies));
+    if materials.iter().all(|m| m.emitted.is_black()) {
+        let library = scan.libraries.first().map_or("its MTL file", |(name, _)| name);
+        return Err(SceneError::NoEmitter { path: path.to_owned(), library: library.to_owned() });
+    }
+    let scene = Scene { surfaces: merge(&points, &flats), materials, fit };
+    let counts = count(&scene, points.len(), &flats);
+    Ok((scene, Report { counts, notes }))
 }
 
 /// Reads a regular file whole, taking its size from what is left; bytes that are not UTF-8 (comments
@@ -94,9 +123,9 @@ fn read_text(path: &Path, left: &mut u64) -> io::Result<String> {
     }
     let mut bytes = Vec::new();
     File::open(path)?.take(*left + 1).read_to_end(&mut bytes)?;
-    *left = left.checked_sub(bytes.len() as u64).ok_or_else(|| {
-        io::Error::new(io::ErrorKind::FileTooLarge, "the scene's files exceed 2 GiB together")
-    })?;
+    *left = left
+        .checked_sub(bytes.len() as u64)
+        .ok_or_else(|| io::Error::from(io::ErrorKind::FileTooLarge))?;
     String::from_utf8(bytes).or_else(|e| Ok(String::from_utf8_lossy(e.as_bytes()).into_owned()))
 }
 
@@ -117,6 +146,7 @@ fn libraries(
             what: "number of material libraries",
             found: scan.libraries.len() as u64,
             limit: MOST_LIBRARIES as u64,
+            flag: None,
         });
     }
     for (rest, line) in &scan.libraries {
@@ -128,7 +158,7 @@ fn libraries(
         let missing = |source| SceneError::Library {
             path: path.to_owned(),
             line: *line,
-            library: rest.clone(),
+            library: inert(rest, LONGEST),
             source,
         };
         // The rest of the line is one name with spaces, or else several names.
@@ -142,7 +172,13 @@ fn libraries(
             other => vec![other.map_err(missing)?],
         };
         for (name, text) in found {
-            scan_mtl(&folder.join(name), &text, &numbers, &mut definitions, &mut clean)?;
+            scan_mtl(
+                &folder.join(inert(&name, LONGEST)),
+                &text,
+                &numbers,
+                &mut definitions,
+                &mut clean,
+            )?;
         }
     }
     Ok((definitions, clean))
@@ -215,7 +251,7 @@ fn materials(
         } else {
             notes.push(Note {
                 kind: NoteKind::UndefinedMaterial,
-                subject: format!("material `{name}`"),
+                subject: format!("material `{}`", shown(name)),
                 file: file.to_owned(),
                 line: *line,
                 text: "no material library defines it, taken as diffuse 0.80 0.80 0.80".to_owned(),

@@ -6,13 +6,12 @@
 
 use super::error::SceneError;
 use super::report::Tally;
+use crate::format::limits::{self, Limits};
+use crate::format::text::shown;
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::fmt::Write;
 use std::path::Path;
-
-/// The most polygons a scene may have.
-pub(super) const MOST_POLYGONS: usize = 1 << 24;
 
 /// The most corners a face may have: some checks of a face are quadratic in them.
 const MOST_CORNERS: usize = 4096;
@@ -77,16 +76,12 @@ pub(super) fn number(word: &str) -> Result<f64, String> {
     }
 }
 
-/// A word as a message shows it: short.
-pub(super) fn shown(word: &str) -> String {
-    word.chars().take(40).collect()
-}
-
 /// Checks an OBJ text.
 ///
 /// # Errors
 /// [`SceneError::Invalid`] with the line, [`SceneError::TooLarge`] for too many polygons.
-pub(super) fn scan_obj(path: &Path, text: &str) -> Result<ObjScan, SceneError> {
+pub(super) fn scan_obj(path: &Path, text: &str, limits: &Limits) -> Result<ObjScan, SceneError> {
+    let (limit, flag) = limits.polygons();
     let mut scan = ObjScan { clean: "mtllib m\n".to_owned(), ..ObjScan::default() };
     let mut numbers: HashMap<String, usize> = HashMap::new();
     let mut libraries: HashSet<String> = HashSet::new();
@@ -109,13 +104,9 @@ pub(super) fn scan_obj(path: &Path, text: &str) -> Result<ObjScan, SceneError> {
                     scan.too_few.add(line);
                     continue;
                 }
-                if scan.face_lines.len() == MOST_POLYGONS {
-                    return Err(SceneError::TooLarge {
-                        path: path.to_owned(),
-                        what: "number of polygons",
-                        found: MOST_POLYGONS as u64 + 1,
-                        limit: MOST_POLYGONS as u64,
-                    });
+                if scan.face_lines.len() as u64 == limit {
+                    let (path, what) = (path.to_owned(), "number of polygons");
+                    return Err(SceneError::TooLarge { path, what, found: limit + 1, limit, flag });
                 }
                 if scan.uses.is_empty() {
                     scan.no_material.add(line);
@@ -127,6 +118,11 @@ pub(super) fn scan_obj(path: &Path, text: &str) -> Result<ObjScan, SceneError> {
                     let _ = write!(scan.clean, " {corner}");
                 }
                 scan.clean.push('\n');
+            }
+            "usemtl" if rest.len() > limits::NAME as usize => {
+                let (name, most) = (shown(rest), limits::NAME);
+                let message = format!("the name `{name}` has more than {most} bytes; shorten it");
+                return Err(invalid(message));
             }
             "usemtl" => {
                 let known = numbers.entry(rest.to_owned()).or_insert(scan.uses.len());

@@ -1,7 +1,8 @@
 //! MTL text, checked line by line and written out clean, for the materials that the OBJ uses.
 
 use super::error::SceneError;
-use super::scan::{keyword, logical_lines, number, shown, words};
+use super::scan::{keyword, logical_lines, number, words};
+use crate::format::text::shown;
 use std::collections::HashMap;
 use std::fmt::Write;
 use std::path::Path;

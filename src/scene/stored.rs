@@ -4,13 +4,13 @@
 //! bytes may come from anywhere.
 
 use super::{Fit, Material, Polygon, Reflectance, Scene, Surface};
+use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
-use crate::format::{Fault, limits};
+use crate::format::limits::{self, Limits};
 use crate::ids::MaterialId;
 use crate::radiance::Rgb;
 use glam::{DVec3, Vec2, Vec3};
 
-const NAME_LIMIT: u32 = 4096;
 const MIRROR: u8 = 1;
 
 /// The bytes of a scene.
@@ -52,7 +52,7 @@ fn require(holds: bool, what: &str) -> Result<(), Fault> {
 }
 
 fn material(r: &mut Reader) -> Result<Material, Fault> {
-    let name = r.text(NAME_LIMIT)?;
+    let name = r.text(limits::NAME)?;
     let emitted = Rgb(vec3(r)?.to_array());
     let mirror = r.u8()?;
     let factor = Rgb(vec3(r)?.to_array());
@@ -97,7 +97,7 @@ fn surface(r: &mut Reader, materials: usize) -> Result<Surface, Fault> {
 ///
 /// # Errors
 /// The first number that breaks a promise of [`Scene`]; bytes that end early or too late.
-pub fn from_bytes(bytes: &[u8]) -> Result<Scene, Fault> {
+pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Scene, Fault> {
     let mut r = Reader::new(bytes);
     let centre = DVec3::new(r.f64()?, r.f64()?, r.f64()?);
     let radius = r.f64()?;
@@ -106,10 +106,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Scene, Fault> {
     let materials = (0..count).map(|_| material(&mut r)).collect::<Result<Vec<_>, _>>()?;
     // Each takes its frame, its extent and one polygon at least.
     let count = r.count(4 + 14 * 4 + 4 + 40)?;
-    if count as u64 > u64::from(limits::SURFACES) {
-        let limit = limits::SURFACES.into();
-        return Err(Fault::Limit { what: "surface count", value: count as u64, limit });
-    }
+    limits.check_surfaces(count as u32)?;
     let surfaces =
         (0..count).map(|_| surface(&mut r, materials.len())).collect::<Result<Vec<_>, _>>()?;
     r.end()?;

@@ -174,13 +174,15 @@ impl<'a> Commit<'a> {
         let checked = checked_file(self.storage, &file, |opened, entry| {
             let bytes = opened.chunk(entry)?;
             let read = || {
-                let scene = stored::from_bytes(&bytes)?;
+                let limits = self.storage.limits();
+                let scene = stored::from_bytes(&bytes, &limits)?;
                 check_scene(&scene, self.header.surfaces)?;
                 if hash(&bytes) != self.manifest.scene_hash {
                     return Err(Fault::invalid("is another scene than the record's"));
                 }
                 let is_mirror = |id| scene.material_of(id).reflectance.is_mirror();
-                Ok((texel_count(&scene, &self.manifest)?, scene.surface_ids().any(is_mirror)))
+                let texels = texel_count(&scene, &self.manifest, &limits)?;
+                Ok((texels, scene.surface_ids().any(is_mirror)))
             };
             facts = Some(read().map_err(at_its_place)?);
             Ok(())

@@ -80,6 +80,8 @@ pub enum Trouble {
     Damaged,
     /// Perhaps good, but made by another version.
     Unsupported,
+    /// Perhaps good, but larger than a limit that can be raised.
+    Limited,
     /// The system refused to read it.
     Unreadable,
 }
@@ -140,7 +142,9 @@ impl Report {
     /// The worst kind of finding.
     pub fn trouble(&self) -> Option<Trouble> {
         let is = |t: &Trouble| self.findings.iter().any(|f| f.trouble == *t);
-        [Trouble::Damaged, Trouble::Unsupported, Trouble::Unreadable].into_iter().find(is)
+        [Trouble::Damaged, Trouble::Unsupported, Trouble::Limited, Trouble::Unreadable]
+            .into_iter()
+            .find(is)
     }
 
     fn add(&mut self, checked: Checked) {
@@ -212,6 +216,9 @@ impl Place {
     fn fault(mut self, fault: Fault) -> Finding {
         if fault.is_unsupported() {
             return self.finding(Trouble::Unsupported, fault.to_string());
+        }
+        if fault.is_limited() {
+            return self.finding(Trouble::Limited, fault.to_string());
         }
         match fault {
             Fault::Checksum { what, offset } => {

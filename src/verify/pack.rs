@@ -7,6 +7,7 @@ use crate::format::Fault;
 use crate::format::container::{
     ChunkEntry, ChunkId, ChunkKind, FileKind, Header, NO_DIRECTION, decode,
 };
+use crate::format::limits::Limits;
 use crate::format::manifest::{Manifest, Phase, record_from_bytes};
 use crate::format::tiles::Layout;
 use crate::look::lightfield::{check_scene, texel_count};
@@ -20,8 +21,12 @@ use std::sync::{Mutex, PoisonError};
 ///
 /// # Errors
 /// When it cannot be read, or its first block or directory is not sound: then nothing says what is in it.
-pub fn pack(path: &Path, progress: &(dyn Fn(f32) + Sync)) -> Result<Report, FieldError> {
-    let mut opened = files::open_at(path, FileKind::Pack)?;
+pub fn pack(
+    path: &Path,
+    limits: &Limits,
+    progress: &(dyn Fn(f32) + Sync),
+) -> Result<Report, FieldError> {
+    let mut opened = files::open_at(path, FileKind::Pack, limits)?;
     let header = opened.directory.header.clone();
     let entries = opened.directory.entries.clone();
     let place = Place::file(&path.file_name().unwrap_or_default().to_string_lossy(), NO_DIRECTION);
@@ -43,7 +48,7 @@ pub fn pack(path: &Path, progress: &(dyn Fn(f32) + Sync)) -> Result<Report, Fiel
     checked.findings.extend(structure(&place, &header, &entries, manifest.as_ref()));
     report.add(checked);
 
-    let pack = Pack { place, header, manifest, opened: Mutex::new(opened) };
+    let pack = Pack { place, header, manifest, opened: Mutex::new(opened), limits };
     let mut texels = None;
     let parts = entries.len().min(3);
     for entry in entries[..parts].iter().filter(|e| e.id.kind != ChunkKind::Record) {
@@ -105,14 +110,15 @@ fn structure(
     findings
 }
 
-struct Pack {
+struct Pack<'a> {
     place: Place,
     header: Header,
     manifest: Option<Manifest>,
     opened: Mutex<Opened>,
+    limits: &'a Limits,
 }
 
-impl Pack {
+impl Pack<'_> {
     fn opened(&self) -> std::sync::MutexGuard<'_, Opened> {
         self.opened.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -132,13 +138,13 @@ impl Pack {
     /// Checks the scene; returns how many texels it has, where the record says how large they are.
     fn scene(&self, entry: &ChunkEntry) -> Result<Option<u64>, Finding> {
         self.decoded(entry, |bytes| {
-            let scene = stored::from_bytes(bytes)?;
+            let scene = stored::from_bytes(bytes, self.limits)?;
             check_scene(&scene, self.header.surfaces)?;
             let Some(manifest) = &self.manifest else { return Ok(None) };
             if hash(bytes) != manifest.scene_hash {
                 return Err(Fault::invalid("is another scene than the record's"));
             }
-            texel_count(&scene, manifest).map(Some)
+            texel_count(&scene, manifest, self.limits).map(Some)
         })
     }
 

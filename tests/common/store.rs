@@ -40,6 +40,7 @@ pub struct Tiny {
     pub threads: usize,
     pub force: bool,
     pub sync: bool,
+    pub lock: bool,
 }
 
 impl Tiny {
@@ -47,7 +48,8 @@ impl Tiny {
     pub fn new() -> Tiny {
         let parameters = stored(Parameters { tile: 8, ..parameters(9, 16, 3) });
         let scene = scene_of(OBJ, MTL);
-        Tiny { scene, parameters, memory: 1 << 28, threads: 1, force: false, sync: true }
+        let (memory, threads) = (1 << 28, 1);
+        Tiny { scene, parameters, memory, threads, force: false, sync: true, lock: true }
     }
 
     /// With paths followed through the mirror, as `vlf bake` does without options.
@@ -71,7 +73,7 @@ impl Tiny {
             progress: &|_| (),
             order: None,
             commit_every: 0.0,
-            terms: Terms { sync: self.sync, lock: true },
+            terms: Terms { sync: self.sync, lock: self.lock },
             force: self.force,
         };
         bake_in(storage, &self.scene, &self.parameters, &options)

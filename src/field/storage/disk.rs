@@ -1,22 +1,28 @@
 //! The real disk.
 
 use super::{Input, Lock, LockError, Output, Storage};
+use crate::format::limits::Limits;
+use crate::format::names;
 use fs4::FileExt;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use crate::format::names;
-
 /// A folder of the file system.
 pub struct Disk {
     root: PathBuf,
+    limits: Limits,
 }
 
 impl Disk {
     /// The folder at a path, which need not be there yet.
     pub fn new(root: &Path) -> Disk {
-        Disk { root: root.to_owned() }
+        Disk::within(root, Limits::default())
+    }
+
+    /// The same, with other limits on what its files may state.
+    pub fn within(root: &Path, limits: Limits) -> Disk {
+        Disk { root: root.to_owned(), limits }
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -48,6 +54,10 @@ fn parent(path: &Path) -> &Path {
 impl Storage for Disk {
     fn place(&self) -> &Path {
         &self.root
+    }
+
+    fn limits(&self) -> Limits {
+        self.limits
     }
 
     fn make(&self) -> io::Result<()> {

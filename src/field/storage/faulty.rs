@@ -2,6 +2,7 @@
 //! writes short.
 
 use super::{Input, Lock, LockError, Output, Storage};
+use crate::format::limits::Limits;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,6 +22,8 @@ pub struct Faults {
     pub short: bool,
     /// Syncs that the system says it has done and has not: told the operations so far, this one last.
     pub unsynced: Option<fn(&[String]) -> bool>,
+    /// The file system has no locks.
+    pub no_locks: bool,
 }
 
 /// Counts operations, and breaks some.
@@ -90,12 +93,19 @@ impl<S: Storage> Storage for Faulty<S> {
         self.inner.place()
     }
 
+    fn limits(&self) -> Limits {
+        self.inner.limits()
+    }
+
     fn make(&self) -> io::Result<()> {
         self.inner.make()
     }
 
     fn lock(&self, note: &str) -> Result<Lock, LockError> {
-        self.inner.lock(note)
+        match self.hurt.faults.no_locks {
+            true => Err(LockError::Unsupported(io::ErrorKind::Unsupported.into())),
+            false => self.inner.lock(note),
+        }
     }
 
     fn list(&self, folder: &str) -> io::Result<Vec<String>> {

@@ -13,6 +13,7 @@ pub mod memory;
 
 pub mod faulty;
 
+use crate::format::limits::Limits;
 use std::any::Any;
 use std::io;
 use std::path::Path;
@@ -21,6 +22,11 @@ use std::path::Path;
 pub trait Storage: Send + Sync {
     /// What the folder is called in messages.
     fn place(&self) -> &Path;
+
+    /// What its files may state.
+    fn limits(&self) -> Limits {
+        Limits::default()
+    }
 
     /// Makes the folder itself, unless it is there.
     ///

@@ -6,8 +6,10 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use vlf::field::storage::disk::Disk;
 use vlf::format::container::Codec;
-use vlf::pack::{PackReport, pack};
+use vlf::format::limits::Limits;
+use vlf::pack::{PackReport, pack_from};
 
 /// Strips a finished field of what only baking needs and writes it as one file.
 ///
@@ -29,6 +31,8 @@ struct Cli {
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    limits: Limits,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -58,8 +62,9 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
     bar.set_style(ProgressStyle::with_template("   packing [{bar:32}] {eta} left")?);
     let threads = cli.threads.unwrap_or(0);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let field = Disk::within(&cli.field, cli.limits);
     let progress = |part: f32| bar.set_position((1000.0 * part) as u64);
-    let report = pool.install(|| pack(&cli.field, &cli.output, codec, &progress))?;
+    let report = pool.install(|| pack_from(&field, &cli.output, codec, &progress))?;
     bar.finish_and_clear();
     let text = if cli.json { serde_json::to_string(&report)? } else { in_words(&report) };
     writeln!(std::io::stdout().lock(), "{text}")?;

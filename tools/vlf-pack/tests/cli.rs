@@ -9,6 +9,7 @@ use vlf::bake::{Options, Outcome, bake};
 use vlf::field::Terms;
 use vlf::field::files::open_at;
 use vlf::format::container::FileKind;
+use vlf::format::limits::Limits;
 use vlf::{LightField, Parameters, Scene};
 
 fn field(path: &Path, stop: bool) {
@@ -79,6 +80,7 @@ fn what_is_wrong_is_said_and_nothing_is_overwritten() {
         (&["room.field"], 2, &["--output"]),
         (&["room.field", "-o", "out.vlf", "--codec", "zip"], 2, &["zip", "zstd"]),
         (&["room.field", "-o", "out.vlf", "--fast"], 2, &["--fast"]),
+        (&["room.field", "-o", "out.vlf", "--limit-tile", "8"], 7, &["16", "8 (--limit-tile)"]),
     ] {
         let output = vlf_pack(&folder, args);
         let said = String::from_utf8(output.stderr).unwrap();
@@ -93,7 +95,7 @@ fn what_is_wrong_is_said_and_nothing_is_overwritten() {
     // A field with a damaged map is found out before anything is written.
     let map = vlf::format::names::tiles(&folder.path().join("room.field"), "total", 7);
     let mut bytes = fs::read(&map).unwrap();
-    let chunk = open_at(&map, FileKind::Tiles).unwrap().directory.entries[0];
+    let chunk = open_at(&map, FileKind::Tiles, &Limits::default()).unwrap().directory.entries[0];
     bytes[(chunk.offset + chunk.stored / 2) as usize] ^= 1;
     fs::write(&map, bytes).unwrap();
     let output = vlf_pack(&folder, &["room.field", "-o", "out.vlf"]);

@@ -8,6 +8,8 @@ use clap::Parser;
 use source::Method;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use vlf::format::limits::Limits;
+use vlf::look::packed::Access;
 use vlf::{Camera, exit};
 use walk::Walk;
 use window::{HELP, Show, WindowError};
@@ -38,6 +40,8 @@ struct Args {
         help = r#"Where to start: a JSON file {"eye":[x,y,z],"target":[x,y,z],"up":[x,y,z],"vfov_deg":d,"width":w,"height":h}"#
     )]
     camera: Option<PathBuf>,
+    #[command(flatten)]
+    limits: Limits,
 }
 
 fn main() -> ExitCode {
@@ -53,7 +57,8 @@ fn main() -> ExitCode {
 }
 
 fn view(args: &Args) -> anyhow::Result<()> {
-    let source = source::open(&args.path, args.method, args.no_map)?;
+    let access = if args.no_map { Access::Read } else { Access::Mapped };
+    let source = source::open(&args.path, args.method, access, &args.limits)?;
     let start: Camera = match &args.camera {
         Some(path) => Camera::open(path)?,
         None => source.start,

@@ -4,7 +4,9 @@ use crate::window::Painter;
 use glam::{DVec3, Vec3};
 use std::path::Path;
 use vlf::Visible;
+use vlf::format::limits::Limits;
 use vlf::look::image::Picture;
+use vlf::look::packed::Access;
 use vlf::look::render::Options;
 use vlf::look::render::method::{self, take};
 use vlf::{Camera, LightField};
@@ -32,11 +34,13 @@ pub struct Source {
 ///
 /// # Errors
 /// When the file cannot be read.
-pub fn open(path: &Path, method: Method, no_map: bool) -> anyhow::Result<Source> {
-    let field = match no_map {
-        true => LightField::open_unmapped(path)?,
-        false => LightField::open(path)?,
-    };
+pub fn open(
+    path: &Path,
+    method: Method,
+    access: Access,
+    limits: &Limits,
+) -> anyhow::Result<Source> {
+    let field = LightField::open_within(path, access, limits)?;
     let visible = Visible::new(&field.scene);
     let start = first_view(&field, &visible);
     let speed = 0.4 * field.scene.fit.radius;

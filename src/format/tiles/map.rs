@@ -1,0 +1,175 @@
+//! Lookups in a checked tile map: the innermost loops of looking and of gathering.
+
+#![allow(
+    clippy::arithmetic_side_effects,
+    clippy::cast_possible_truncation,
+    clippy::indexing_slicing,
+    reason = "the layout was checked with the bytes; Rust's own bounds are behind that"
+)]
+
+use super::{CONSTANT, DATA, FIRST_AT, Layout};
+use crate::format::bytes::{u16_at, u32_at, u64_at};
+use crate::ids::{Cell, Sense, SurfaceId};
+use crate::radiance::Rgb;
+
+/// 2^112: what the exponents of f16 and f32 differ by.
+const REBIAS: f32 = f32::from_bits((127 + 112) << 23);
+
+/// A checked tile map over its bytes.
+#[derive(Clone, Copy, Debug)]
+pub struct TileMap<'a> {
+    bytes: &'a [u8],
+    layout: &'a Layout,
+}
+
+/// One surface in one tile.
+#[derive(Clone, Copy, Debug)]
+pub struct TileEntry<'a> {
+    map: TileMap<'a>,
+    entry: usize,
+}
+
+impl<'a> TileMap<'a> {
+    /// The map over bytes that `layout` was checked with.
+    pub fn new(bytes: &'a [u8], layout: &'a Layout) -> TileMap<'a> {
+        TileMap { bytes, layout }
+    }
+
+    fn surface(&self, entry: usize) -> u32 {
+        u32_at(&self.bytes[self.layout.surface_at..], entry)
+    }
+
+    fn value(&self, slot: usize) -> u32 {
+        u32_at(&self.bytes[self.layout.value_at..], slot)
+    }
+
+    fn state(&self, slot: usize) -> u8 {
+        self.bytes[self.layout.state_at + slot]
+    }
+
+    fn mask(&self, entry: usize) -> &'a [u8] {
+        let at = self.layout.mask_at + 8 * self.layout.words * entry;
+        &self.bytes[at..at + 8 * self.layout.words]
+    }
+
+    fn rgb(&self, value: usize) -> Rgb {
+        let at = self.layout.rgb_at + 6 * value;
+        let h = &self.bytes[at..at + 6];
+        // Finite and not negative was checked, so the bits shift into place, subnormals as well. That
+        // leaves the exponent 112 too small. Both products are exact; in one, 2^112 and the scale
+        // could overflow.
+        let channel =
+            |c| f32::from_bits(u32::from(u16_at(h, c)) << 13) * REBIAS * self.layout.scale;
+        Rgb([channel(0), channel(1), channel(2)])
+    }
+
+    /// Number of entries over all tiles.
+    pub fn entry_count(&self) -> usize {
+        self.layout.entries
+    }
+
+    /// Number of stored values.
+    pub fn value_count(&self) -> usize {
+        self.layout.values
+    }
+
+    /// Cells along an edge of the PSF.
+    pub fn resolution(&self) -> u32 {
+        self.layout.n * self.layout.m
+    }
+
+    /// Cells along an edge of a tile, m.
+    pub fn tile_edge(&self) -> u32 {
+        self.layout.m
+    }
+
+    /// A surface in the tile that holds a cell; binary search over the tile's surfaces (section 6).
+    pub fn entry(&self, cell: Cell, surface: SurfaceId) -> Option<TileEntry<'a>> {
+        let Layout { n, m, .. } = *self.layout;
+        let tile = (cell.j / m * n + cell.i / m) as usize;
+        let first = &self.bytes[FIRST_AT..];
+        let (mut low, mut high) = (u32_at(first, tile) as usize, u32_at(first, tile + 1) as usize);
+        while low < high {
+            let middle = (low + high) / 2;
+            match self.surface(middle).cmp(&surface.0) {
+                std::cmp::Ordering::Less => low = middle + 1,
+                std::cmp::Ordering::Greater => high = middle,
+                std::cmp::Ordering::Equal => return Some(TileEntry { map: *self, entry: middle }),
+            }
+        }
+        None
+    }
+
+    /// Calls `visit` with every covered cell's surface, place and the radiance of both senses.
+    pub fn for_each(&self, mut visit: impl FnMut(SurfaceId, Cell, [Rgb; 2])) {
+        let Layout { n, m, .. } = *self.layout;
+        let first = &self.bytes[FIRST_AT..];
+        for tile in 0..n * n {
+            let (from, to) = (u32_at(first, tile as usize), u32_at(first, tile as usize + 1));
+            for entry in from as usize..to as usize {
+                let at = TileEntry { map: *self, entry };
+                at.covered(|inside| {
+                    let cell = Cell { i: tile % n * m + inside % m, j: tile / n * m + inside / m };
+                    let value = |s| at.radiance(cell, s).unwrap_or(Rgb::BLACK);
+                    let both = [value(Sense::Along), value(Sense::Against)];
+                    visit(SurfaceId(self.surface(entry)), cell, both);
+                });
+            }
+        }
+    }
+}
+
+impl TileEntry<'_> {
+    /// Calls `visit` with the row-by-row index of every covered cell inside the tile, in order.
+    fn covered(&self, mut visit: impl FnMut(u32)) {
+        let mask = self.map.mask(self.entry);
+        for word in 0..self.map.layout.words {
+            let mut bits = u64_at(mask, word);
+            while bits != 0 {
+                visit(word as u32 * 64 + bits.trailing_zeros());
+                bits &= bits - 1;
+            }
+        }
+    }
+
+    /// Calls `visit` with the row-by-row index of every covered cell inside the tile, in order, and its
+    /// radiance.
+    pub fn for_each(&self, sense: Sense, mut visit: impl FnMut(u32, Rgb)) {
+        let slot = 2 * self.entry + sense.slot();
+        let value = self.map.value(slot) as usize;
+        match self.map.state(slot) {
+            DATA => {
+                let mut rank = value;
+                self.covered(|inside| {
+                    visit(inside, self.map.rgb(rank));
+                    rank += 1;
+                });
+            }
+            CONSTANT => self.covered(|inside| visit(inside, self.map.rgb(value))),
+            _ => self.covered(|inside| visit(inside, Rgb::BLACK)),
+        }
+    }
+
+    /// Radiance at a cell of this tile, or `None` where the surface does not cover it.
+    pub fn radiance(&self, cell: Cell, sense: Sense) -> Option<Rgb> {
+        let Layout { m, words, .. } = *self.map.layout;
+        let index = (cell.j % m * m + cell.i % m) as usize;
+        let mask = self.map.mask(self.entry);
+        let word = u64_at(mask, index / 64);
+        if word >> (index % 64) & 1 == 0 {
+            return None;
+        }
+        let slot = 2 * self.entry + sense.slot();
+        let value = self.map.value(slot) as usize;
+        match self.map.state(slot) {
+            DATA => {
+                debug_assert!(words * 64 > index);
+                let before: u32 = (0..index / 64).map(|w| u64_at(mask, w).count_ones()).sum();
+                let below = word & ((1u64 << (index % 64)) - 1);
+                Some(self.map.rgb(value + (before + below.count_ones()) as usize))
+            }
+            CONSTANT => Some(self.map.rgb(value)),
+            _ => Some(Rgb::BLACK),
+        }
+    }
+}
