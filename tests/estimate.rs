@@ -3,10 +3,7 @@
 mod common;
 
 use common::{Baked, hidden, parameters, scene};
-use std::path::Path;
-use vlf::bake::quality::Quality;
-use vlf::field::read_manifest;
-use vlf::field::storage::disk::Disk;
+use std::process::Command;
 use vlf::scene::texels;
 use vlf::{LightField, Parameters, Side, SurfaceId};
 
@@ -41,19 +38,52 @@ fn true_error(field: &LightField, truth: &LightField) -> f64 {
     squares.iter().map(of).sum::<f64>() / area
 }
 
+fn cornell(perturbations: Vec<u32>, target_error: f64) -> Baked {
+    let parameters = Parameters { perturbations, target_error, ..parameters(513, 48, 4) };
+    Baked::new(&scene("cornell"), &parameters)
+}
+
+/// Against a field of many more lines and smaller texels.
 #[test]
-#[ignore = "scratch"]
-fn scratch() {
-    let var = |n: &str| std::env::var(n).unwrap();
-    let truth = LightField::open(Path::new(&var("TRUTH"))).unwrap();
-    for path in var("FIELDS").split(',') {
-        let e = read_manifest(&Disk::new(Path::new(path))).unwrap().1.error;
-        let t = true_error(&LightField::open(Path::new(path)).unwrap(), &truth);
-        println!(
-            "{path}: true {t:.2e} estimate {:.2e} (noise {:.2e}) ratio {:.2}",
-            e.relmse,
-            e.noise,
-            e.relmse / t
-        );
+fn the_estimate_falls_with_lines_and_is_right_within_a_factor_of_two() {
+    let many = Parameters { perturbations: vec![32, 16, 8], ..parameters(513, 144, 4) };
+    let truth = Baked::new(&scene("cornell"), &many).open();
+    let mut before = f64::INFINITY;
+    for perturbations in [vec![1], vec![4, 2], vec![16, 8]] {
+        let baked = cornell(perturbations.clone(), 0.0);
+        let manifest = baked.manifest();
+        let (error, truly) = (manifest.error, true_error(&baked.open(), &truth));
+        let times = error.relmse / truly;
+        assert!((0.5..2.0).contains(&times), "{perturbations:?}: {times} times {truly}");
+        assert!(error.relmse < 0.7 * before, "{perturbations:?}: {} after {before}", error.relmse);
+        assert!(error.noise > 0.0 && error.noise <= error.relmse);
+        let parts: f64 = error.worst.iter().map(|s| s.part).sum();
+        assert!((parts - 1.0).abs() < 1e-9, "all surfaces together: {parts}");
+        assert!(error.worst.is_sorted_by(|a, b| a.part >= b.part));
+        before = error.relmse;
+    }
+}
+
+#[test]
+fn a_cycle_ends_when_its_noise_is_small_enough_and_the_field_says_so() {
+    let bound = vec![64, 16];
+    let (rough, fine) = (cornell(bound.clone(), 3e-2), cornell(bound.clone(), 3e-3));
+    let spent = |baked: &Baked| baked.manifest().grids;
+    assert!(spent(&rough)[0] < spent(&fine)[0], "{:?}, {:?}", spent(&rough), spent(&fine));
+    assert!(spent(&fine)[0] < 64, "{:?}", spent(&fine));
+    let error = rough.manifest().error;
+    assert!(error.noise < 3e-2, "{error:?}");
+    // What no number of lines reaches takes all that are granted.
+    assert_eq!(spent(&cornell(vec![4, 2], 1e-9)), [4, 2, 2, 2]);
+
+    let vlf =
+        Command::new(env!("CARGO_BIN_EXE_vlf")).arg("info").arg(&rough.path).output().unwrap();
+    let said = String::from_utf8(vlf.stdout).unwrap();
+    let grids: Vec<String> = spent(&rough).iter().map(u32::to_string).collect();
+    let aimed = format!("aims at relMSE 3.0e-2; grids spent: {}", grids.join(", "));
+    for words in
+        [&aimed, "at most 64, 16", "estimated relMSE", "% of it on surface", "specular trace"]
+    {
+        assert!(said.contains(words), "{words}: {said}");
     }
 }

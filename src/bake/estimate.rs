@@ -4,10 +4,11 @@
 //! pictures of them will have, relative as `vlf compare` has it.
 //!
 //! Two things are wrong with a texture map. Its lines are finitely many: what one half of them says
-//! differs from what both say by as much as both are wrong, since the error of a mean of two is half of
-//! their difference. And between texels radiance is bilinear, of averages over texels: an edge of light
-//! is washed out. How much follows from the map's second differences, of which the halves tell what of
-//! them is noise.
+//! differs from what both say by as much as both are wrong, were the halves independent; those of a
+//! lattice make up for each other, and what both say is better than that ([`LATTICE`]). And between
+//! texels radiance is bilinear, of averages over texels: an edge of light is washed out. How much
+//! follows from the map's second differences ([`WASHED_OUT`]), less what of them the halves do not agree
+//! on. Cycles add up in the maps, so that what their errors have in common is in the estimate.
 
 use crate::directions::Directions;
 use crate::format::limits;
@@ -16,6 +17,10 @@ use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::{Lattice, Texels};
+
+/// What part of the mean square of the halves' disagreement is error. All of it if they were independent;
+/// a third if each were a lattice and the error fell as the number of lines; measured is a half.
+const LATTICE: f64 = 0.5;
 
 /// Mean squared error of bilinear lookups in averages over texels, in parts of the mean squared
 /// second difference. By theory 1/64 where radiance is smooth, 1/35 at kinks, 1/23 at ramps a texel
@@ -144,7 +149,7 @@ impl Sheet<'_> {
                 let weight = areas[value] / (total(value).powi(2) + epsilon) / 3.0;
                 let bent = second_difference(&around, total).powi(2);
                 let noisy = second_difference(&around, differs).powi(2);
-                sum.noise += weight * differs(value) * smoothed(&around, differs);
+                sum.noise += weight * LATTICE * differs(value) * smoothed(&around, differs);
                 sum.washed_out += weight * WASHED_OUT * (bent - noisy);
             }
         }

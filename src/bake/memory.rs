@@ -11,6 +11,7 @@ use super::reach::Sealed;
 use super::step::{Scratch, Shared};
 use super::transfer::clip::Clip;
 use crate::field::writer::{WAITING, WRITERS};
+use crate::format::limits::WORST;
 use crate::format::manifest::Transfer;
 use crate::ids::DirectionId;
 use crate::psf::Psf;
@@ -26,10 +27,10 @@ const A_CORNER: u64 = 256;
 const A_BLOCK: u64 = 4096;
 
 /// Bytes of a commit record without its bit a direction and its ledgers.
-const RECORD: u64 = 1024;
+const RECORD: u64 = 1024 + 20 * WORST as u64;
 
-/// Bytes of a cycle's ledger in a commit record.
-const A_LEDGER: u64 = 80;
+/// Bytes of a cycle's ledger and its number of grids in a commit record.
+const A_LEDGER: u64 = 84;
 
 /// Directions that are looked at before a bake begins.
 const LOOKS: u32 = 24;
@@ -193,7 +194,7 @@ impl Need {
         let cycles = u64::from(shared.parameters.cycles.unwrap_or(MOST_CYCLES));
         let record = (RECORD + directions / 8 + A_LEDGER * cycles).next_multiple_of(A_BLOCK);
         // Sums take more than the texture maps that come in their place at the end of a cycle.
-        let sums = (values * 32 + 2 * A_BLOCK).next_multiple_of(A_BLOCK);
+        let sums = (values * 64 + 2 * A_BLOCK).next_multiple_of(A_BLOCK);
         Need {
             fixed: [propagating, totals],
             least_pages: 2 * threads * extent.mirror_map,
