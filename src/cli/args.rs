@@ -42,7 +42,7 @@ pub enum Command {
     Plan(Plan),
     /// Bake a scene into a field, or go on with a bake that was stopped
     Bake(Bake),
-    /// Say what a field or pack is, how it was baked and where its light went
+    /// Say what a field or pack is, how it was baked, how wrong it is and where its light went
     Info(Info),
     /// Check everything in a field, finished or not, or in a pack
     Verify(Verify),
@@ -332,7 +332,7 @@ pub enum QualityName {
     Draft,
     /// Soft shadows without visible bands
     Preview,
-    /// Eight times the lines of preview, for pictures to keep
+    /// As many lines as pictures of relMSE 0.0007 need, at most eight times those of preview
     Final,
 }
 
