@@ -14,7 +14,6 @@ use vlf::bake::transfer::clip::{Clip, Ground, Projection};
 use vlf::bake::transfer::{Fixed, Quantum, add};
 use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
-use vlf::format::manifest::Grids;
 use vlf::format::tiles::{Layout, exponent_for};
 use vlf::scene::cuts::Cuts;
 use vlf::scene::texels::Texels;
