@@ -193,3 +193,72 @@ fn smoothed(around: &[usize; 9], of: impl Fn(usize) -> f64) -> f64 {
     const WEIGHTS: [f64; 9] = [1.0, 4.0, 1.0, 4.0, 16.0, 4.0, 1.0, 4.0, 1.0];
     around.iter().zip(WEIGHTS).map(|(v, weight)| weight * of(*v)).sum::<f64>() / 36.0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The floor of the Cornell box lit by `light`, the halves apart by `apart`: by column and row.
+    fn floor(light: impl Fn(u32, u32) -> f32, apart: impl Fn(u32, u32) -> f32) -> ErrorEstimate {
+        let (scene, _) = Scene::bundled("cornell").unwrap();
+        let texels = Texels::new(&scene, 0.05);
+        let Lattice { first, width, height, .. } = texels.lattices[0];
+        let mut maps = [vec![Rgb::BLACK; 2 * texels.len()], vec![Rgb::BLACK; 2 * texels.len()]];
+        for texel in 0..width * height {
+            let (column, row) = (texel % width, texel / width);
+            let (value, light) = (2 * (first + texel) as usize, light(column, row));
+            maps[0][value] = Rgb::splat(light);
+            maps[1][value] = Rgb::splat(light + apart(column, row));
+        }
+        let areas = vec![1.0; 2 * texels.len()];
+        estimate(&scene, &texels, &areas, Totals { all: &maps[0], half: &maps[1] })
+    }
+
+    #[test]
+    fn even_light_on_which_the_halves_agree_is_right() {
+        assert_eq!(floor(|_, _| 1.0, |_, _| 0.0).relmse, 0.0);
+        // Nor is anything wrong between texels where light changes evenly, apart from rounding.
+        assert!(floor(|column, row| 1.0 + 0.1 * (column + row) as f32, |_, _| 0.0).relmse < 1e-9);
+    }
+
+    #[test]
+    fn halves_that_are_apart_everywhere_are_wrong_by_that_and_between_texels_by_less() {
+        let (expected, epsilon) = (LATTICE * 0.04, EPSILON);
+        let even = floor(|_, _| 1.0, |_, _| 0.2);
+        assert!((even.noise * (1.0 + epsilon) / expected - 1.0).abs() < 1e-3, "{even:?}");
+        assert_eq!((even.worst.len(), even.worst[0].surface), (1, 0));
+        // Signs that alternate along rows and columns cancel in lookups, a ninth is left; more at borders.
+        let rough =
+            floor(|_, _| 1.0, |column, row| if (column + row) % 2 == 0 { 0.2 } else { -0.2 });
+        assert!(rough.noise > 0.0 && rough.noise < 0.3 * even.noise, "{rough:?}");
+        assert_eq!(rough.relmse, rough.noise, "what the halves do not agree on is no edge");
+    }
+
+    #[test]
+    fn edges_of_light_are_washed_out() {
+        let edge = floor(|column, _| if column < 9 { 1.0 } else { 2.0 }, |_, _| 0.0);
+        assert!(edge.noise == 0.0 && edge.relmse > 0.0, "{edge:?}");
+    }
+
+    #[test]
+    fn both_halves_have_their_share_of_any_lattice() {
+        let directions = Directions::with_lines(513).unwrap();
+        for thinned in 0..3 {
+            assert_eq!(grids_of_half(&directions, thinned, 8), 4.0);
+            let odd = grids_of_half(&directions, thinned, 1);
+            assert!((odd - 0.5).abs() < 0.1, "{thinned}: {odd}");
+        }
+    }
+
+    #[test]
+    fn lines_are_enough_when_noise_is_small_beside_the_target_or_what_they_cannot_help() {
+        let of = |noise, washed_out| ErrorEstimate {
+            relmse: noise + washed_out,
+            noise,
+            worst: Vec::new(),
+        };
+        assert!(is_enough(&of(0.49, 0.0), 1.0, 0) && !is_enough(&of(0.51, 0.0), 1.0, 0));
+        assert!(is_enough(&of(0.7, 0.0), 1.0, 1), "later cycles may add to it");
+        assert!(!is_enough(&of(0.3, 0.5), 1.0, 0) && is_enough(&of(0.12, 5.0), 1.0, 0));
+    }
+}
