@@ -190,7 +190,8 @@ impl CycleLedger {
 }
 
 /// The squared error to expect of pictures (`--method trace`) of all that is lit, relative to squared
-/// radiance as `vlf compare` has it; estimated, and right within a factor of about two.
+/// radiance as `vlf compare` has it; estimated, and as a rule right within a factor of two. A picture
+/// that shows little of what is lit may be better or worse.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorEstimate {
     /// Of the whole: relMSE.
