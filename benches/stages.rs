@@ -14,7 +14,6 @@ use vlf::bake::transfer::clip::{Clip, Ground, Projection};
 use vlf::bake::transfer::{Fixed, Quantum, add};
 use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
-use vlf::format::manifest::Grids;
 use vlf::format::tiles::{Layout, exponent_for};
 use vlf::scene::cuts::Cuts;
 use vlf::scene::texels::Texels;
@@ -151,7 +150,8 @@ fn shoot_one_direction(bencher: Bencher) {
         current: &current,
         pages: None,
         paths: None,
-        grids: Grids { perturbations: 1, thinned: 0 },
+        grids: 0..1,
+        thinned: 0,
         few: None,
         sealed: &sealed,
     };

@@ -4,6 +4,7 @@
 //! receivers (added to the worker's own), and the direction's tile maps of the next generation. A pure
 //! function of its inputs, so that a step may be done again, in any order, by any thread.
 
+use super::estimate::half_of;
 use super::exchange;
 use super::layers::{Fragment, Layers, Outlines, projections};
 use super::ledger::{Tally, channels};
@@ -16,7 +17,7 @@ use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::Pages;
 use crate::format::container::ChunkKind;
-use crate::format::manifest::{Grids, Parameters, Transfer};
+use crate::format::manifest::{Parameters, Transfer};
 use crate::format::tiles::{CoveredCell, TileMapWriter};
 use crate::ids::{Cell, DirectionId, Sense, Side, SurfaceId};
 use crate::paths::Paths;
@@ -26,6 +27,7 @@ use crate::scene::Scene;
 use crate::scene::texels::Texels;
 use crate::visible::Hit;
 use glam::Vec3;
+use std::ops::Range;
 
 /// What all steps of a bake share.
 pub struct Shared<'a> {
@@ -78,8 +80,10 @@ pub struct Cycle<'a> {
     pub pages: Option<&'a Pages>,
     /// Where mirrors' light is found by following its path; `None`: in their unshot maps.
     pub paths: Option<Paths<'a>>,
-    /// Its PSFs.
-    pub grids: Grids,
+    /// Which of the PSFs that each line stands for.
+    pub grids: Range<u32>,
+    /// Its lines are those of a lattice with steps `2^thinned` times as long.
+    pub thinned: u32,
     /// The surfaces that send, when these are few: perturbed PSFs have only the lines that meet one of
     /// them, and the lines are counted in the unperturbed ones alone.
     pub few: Option<Few<'a>>,
@@ -97,9 +101,9 @@ impl Cycle<'_> {
 /// A worker's own memory, reused from step to step.
 pub struct Scratch {
     layers: Layers,
-    /// Sums over lines, two a texel, and one for the space outside, which is taken into the tally tile
-    /// by tile.
-    pub sums: Vec<Fixed>,
+    /// Sums over the lines of each half, two a texel, and one for the space outside, which is taken
+    /// into the tally tile by tile; see [`half_of`](super::estimate::half_of).
+    pub sums: [Vec<Fixed>; 2],
     /// Sums for the ledger.
     pub tally: Tally,
     senders: Vec<Option<MirrorSender>>,
@@ -152,7 +156,7 @@ impl Scratch {
         let mirrors = texels.len() - texels.diffuse as usize;
         Scratch {
             layers: Layers::default(),
-            sums: vec![[0; 4]; 2 * texels.len() + 1],
+            sums: [0, 1].map(|_| vec![[0; 4]; 2 * texels.len() + 1]),
             pairs: Vec::new(),
             cells: Vec::new(),
             projections: Vec::new(),
@@ -198,13 +202,13 @@ pub fn shoot(
     scratch: &mut Scratch,
 ) -> Result<Option<Made>, FieldError> {
     let mut made = None;
-    let Grids { perturbations, thinned } = cycle.grids;
-    if !shared.directions.is_in_coarser(id, thinned) {
+    if !shared.directions.is_in_coarser(id, cycle.thinned) {
         return Ok(made);
     }
-    for number in 0..perturbations {
+    let colour = shared.directions.colour(id, cycle.thinned);
+    for number in cycle.grids.clone() {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
-        let line = Line { shared, cycle, psf: &psf };
+        let line = Line { shared, cycle, psf: &psf, half: half_of(colour, number) };
         if line.clips() {
             projections(shared.outlines, &psf, &mut scratch.projections);
         }
@@ -243,6 +247,8 @@ struct Line<'a> {
     shared: &'a Shared<'a>,
     cycle: &'a Cycle<'a>,
     psf: &'a Psf,
+    /// Which half of all lines they belong to.
+    half: usize,
 }
 
 /// Lines whose window is transferred at once.
@@ -397,6 +403,7 @@ impl Line<'_> {
     /// from finding the pairs, so that the processor can wait for many texels at once.
     fn transfer<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
         let Scratch { pairs, cells, sums, flow, tally, clip, projections, .. } = scratch;
+        let sums = &mut sums[self.half];
         let current = self.cycle.current;
         if self.clips() {
             let (ground, pairs) = (self.ground(projections), (cells.as_slice(), pairs.as_slice()));
@@ -489,14 +496,14 @@ impl Line<'_> {
         scratch: &mut Scratch,
     ) {
         match receiver {
-            None => add::<SHARES, COUNTS>(&mut scratch.sums[self.cycle.outside()], line),
+            None => add::<SHARES, COUNTS>(&mut scratch.sums[self.half][self.cycle.outside()], line),
             Some((_, f)) if f.texel() < self.shared.texels.diffuse && self.clips() => {
                 // The other end is a mirror: these are still the taps of this one.
                 let taps = scratch.clip.last_taps();
-                clip::share_out::<SHARES, COUNTS>(line, taps, &mut scratch.sums);
+                clip::share_out::<SHARES, COUNTS>(line, taps, &mut scratch.sums[self.half]);
             }
             Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
-                add::<SHARES, COUNTS>(&mut scratch.sums[f.value(sense)], line);
+                add::<SHARES, COUNTS>(&mut scratch.sums[self.half][f.value(sense)], line);
             }
             Some((k, f)) => {
                 self.arrive::<SHARES, COUNTS>(f, line, &mut scratch.flow);
