@@ -129,11 +129,7 @@ struct CutViews {
 impl CutViews {
     /// Nothing seen yet.
     fn new(values: usize) -> CutViews {
-        CutViews {
-            sees_sealed: vec![false; values],
-            sees_open: vec![false; values],
-            seen: vec![Seen::NOTHING; values],
-        }
+        CutViews { sees_sealed: vec![false; values], sees_open: vec![false; values] }
     }
 
     /// Notes what cut values see of others along the lines of a direction.
@@ -191,7 +187,11 @@ impl Sealed {
 impl Reach {
     /// Every value by itself.
     fn new(values: usize) -> Reach {
-        Reach { parent: (0..values as u32).collect(), open: vec![false; values] }
+        Reach {
+            parent: (0..values as u32).collect(),
+            open: vec![false; values],
+            seen: vec![Seen::NOTHING; values],
+        }
     }
 
     fn root(&mut self, mut value: u32) -> u32 {

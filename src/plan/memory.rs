@@ -48,7 +48,7 @@ pub fn peak(shared: &Shared, sample: &Sample, threads: u64, pages: u64) -> u64 {
         + 12 * corners;
 
     // Sets that exchange light: one a thread, then all of them with their roots.
-    let reach = threads * (layers + 5 * values) + 5 * values + texels;
+    let reach = threads * (layers + 17 * values) + 17 * values + texels;
     let (unshot, arrived) =
         sample.generations.last().map_or((0, 0), |g| (g.unshot as u64, g.arrived as u64));
     let mirrors = texels - u64::from(shared.texels.diffuse);
