@@ -29,10 +29,11 @@ pub fn run(a: &args::Demo) -> anyhow::Result<u8> {
     bake::tell_report(&report);
     let field = a.output.join(&a.scene).with_extension("field");
     // Somewhat fewer lines than `preview` spends, so that the whole takes less than a minute on two
-    // cores.
+    // cores, and so larger texels, on whose walls fewer lines do not show.
     let perturbations = vec![6, 2, 1];
     let defaults = bake::defaults(Quality::Preview);
-    let parameters = Parameters { perturbations, unshot_fraction: 4e-3, ..defaults };
+    let parameters =
+        Parameters { perturbations, texel_cells: 1.0, unshot_fraction: 4e-3, ..defaults };
     let code = bake::bake_with_bar(&scene, &parameters, &field, How::usual(MEMORY, a.threads))?;
     if code != 0 {
         return Ok(code);
