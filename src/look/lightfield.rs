@@ -13,9 +13,11 @@ use crate::format::{Fault, FormatError, names};
 use crate::gather::{Around, mirrored};
 use crate::ids::{DirectionId, Side, SurfaceId};
 use crate::look::packed::{Access, PackFile};
+use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::texels::{self, Texels};
 use crate::scene::{Reflectance, Scene, stored};
+use crate::textured::{self, Texture};
 use glam::Vec3;
 use std::borrow::Cow;
 use std::fs;
@@ -73,6 +75,8 @@ pub struct LightField {
     pub manifest: Manifest,
     /// Power of two by which stored radiance is scaled.
     exponent: i32,
+    /// Whether maps have no diffuse surfaces: then the Total Texture Map has all there is of them.
+    diffuse_left_out: bool,
     source: Source,
     maps: Vec<OnceLock<Result<StoredMap, FormatError>>>,
 }
@@ -171,9 +175,9 @@ impl LightField {
             Ok((manifest, scene, texels, total))
         };
         let (manifest, scene, texels, total) = parts().map_err(|f| f.in_file(&name))?;
-        let exponent = directory.header.exponent;
+        let header = directory.header.clone();
         let source = Source::Pack { file, directory };
-        Self::assemble(&name, (scene, texels, total), manifest, exponent, source)
+        Self::assemble(&name, (scene, texels, total), manifest, &header, source)
     }
 
     fn open_field(path: &Path, limits: &Limits) -> Result<LightField, LookError> {
@@ -205,24 +209,34 @@ impl LightField {
         let raw = bytes.len() as u64;
         let (texels, total) = textures_of(&scene, &manifest, raw, || Ok(Cow::Owned(bytes)), limits)
             .map_err(|f| f.in_file(texture_path.display()))?;
-        let exponent = header.exponent;
-        let source = Source::Field { path: path.to_owned(), header, limits: *limits };
+        let source =
+            Source::Field { path: path.to_owned(), header: header.clone(), limits: *limits };
         let parts = (scene, texels, total);
-        Self::assemble(&path.display().to_string(), parts, manifest, exponent, source)
+        Self::assemble(&path.display().to_string(), parts, manifest, &header, source)
     }
 
     fn assemble(
         name: &str,
         (scene, texels, total): (Scene, Texels, Vec<Rgb>),
         manifest: Manifest,
-        exponent: i32,
+        header: &Header,
         source: Source,
     ) -> Result<LightField, LookError> {
         let lines = manifest.parameters.directions;
         let directions = Directions::with_lines(lines)
             .ok_or_else(|| Fault::invalid(format!("{lines} directions")).in_file(name))?;
         let maps = (0..lines).map(|_| OnceLock::new()).collect();
-        Ok(LightField { scene, texels, total, directions, manifest, exponent, source, maps })
+        Ok(LightField {
+            scene,
+            texels,
+            total,
+            directions,
+            manifest,
+            exponent: header.exponent,
+            diffuse_left_out: header.leaves_diffuse_out(),
+            source,
+            maps,
+        })
     }
 
     /// The total radiance map of a direction, verified.
@@ -243,23 +257,27 @@ impl LightField {
     fn load(&self, direction: u32) -> Result<StoredMap, FormatError> {
         let p = &self.manifest.parameters;
         let surfaces = self.scene.surfaces.len() as u32;
-        let check =
-            |bytes: &[u8]| Layout::check(bytes, p.resolution, p.tile, surfaces, self.exponent);
+        let check = |bytes: &[u8]| {
+            let tiles = (p.resolution, p.tile);
+            Layout::check_packed(bytes, tiles, surfaces, self.exponent)
+        };
         match &self.source {
             Source::Pack { file, directory } => {
                 let load = || {
                     let entry = find_map(directory, direction)?;
-                    match file.chunk(directory, entry)? {
-                        Cow::Borrowed(bytes) => {
-                            let layout = check(bytes)?;
-                            let range = entry.offset as usize..entry.offset as usize + bytes.len();
-                            Ok(StoredMap { layout, bytes: Stored::Mapped(range) })
-                        }
-                        Cow::Owned(bytes) => {
-                            let layout = check(&bytes)?;
-                            Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) })
-                        }
+                    let bytes = file.chunk(directory, entry)?;
+                    let layout = check(&bytes)?;
+                    if layout.is_textured() {
+                        let bytes = self.filled(direction, &TileMap::new(&bytes, &layout))?;
+                        let layout = check(&bytes)?;
+                        return Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) });
                     }
+                    let from = entry.offset as usize;
+                    let bytes = match bytes {
+                        Cow::Borrowed(bytes) => Stored::Mapped(from..from + bytes.len()),
+                        Cow::Owned(bytes) => Stored::Decoded(bytes),
+                    };
+                    Ok(StoredMap { layout, bytes })
                 };
                 let place = || format!("{}: direction {direction}", file.name());
                 load().map_err(|f: Fault| f.in_file(place()))
@@ -275,10 +293,19 @@ impl LightField {
                     LookError::Format(e) => e,
                     other => Fault::Missing(other.to_string()).in_file(&name),
                 })?;
-                let layout = check(&bytes).map_err(|f| f.in_file(&name))?;
+                let layout = Layout::check(&bytes, p.resolution, p.tile, surfaces, self.exponent)
+                    .map_err(|f| f.in_file(&name))?;
                 Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) })
             }
         }
+    }
+
+    /// The bytes of a pack's map with every value in place.
+    fn filled(&self, direction: u32, map: &TileMap) -> Result<Vec<u8>, Fault> {
+        let LightField { scene, texels, total, .. } = self;
+        let line = self.directions.vector(DirectionId(direction));
+        let psf = Psf::new(line, self.manifest.parameters.resolution);
+        textured::filled(map, &psf, self.exponent, &Texture { scene, texels, total })
     }
 
     /// The directions whose maps were needed so far and found missing or damaged.
@@ -308,7 +335,10 @@ impl LightField {
         let material = self.scene.material_of(surface);
         let mirror = material.reflectance.is_mirror();
         let wanted = if mirror { mirrored(away, normal) } else { away };
-        let found = self.looked_up(surface, point, wanted, normal)?;
+        let found = match mirror || !self.diffuse_left_out {
+            true => self.looked_up(surface, point, wanted, normal)?,
+            false => None,
+        };
         Ok(match material.reflectance {
             // Where no direction sees the surface (it is edge-on to all three, or smaller than a
             // cell) its texture map still knows it.
@@ -394,7 +424,7 @@ fn textures_of<'a>(
         return Err(Fault::invalid(format!("texture map: {raw} bytes for {count} texels")));
     }
     let total = texels::from_bytes(&bytes()?, 2 * count as usize)?;
-    Ok((Texels::try_new(scene, texel_edge(manifest))?, total))
+    Ok((Texels::try_new(scene, manifest.parameters.texel_edge())?, total))
 }
 
 /// How many texels a scene has in a field. Counted, not laid: a file may ask for any number.
@@ -402,12 +432,7 @@ fn textures_of<'a>(
 /// # Errors
 /// When they are more than a field may have.
 pub fn texel_count(scene: &Scene, manifest: &Manifest, limits: &Limits) -> Result<u64, Fault> {
-    limits.check_texels(Texels::count(scene, texel_edge(manifest)))
-}
-
-fn texel_edge(manifest: &Manifest) -> f32 {
-    let p = &manifest.parameters;
-    2.0 / p.resolution as f32 * p.texel_cells as f32
+    limits.check_texels(Texels::count(scene, manifest.parameters.texel_edge()))
 }
 
 /// Refuses a scene that is not the one of its file's header.

@@ -15,11 +15,18 @@ use crate::radiance::Rgb;
 /// 2^112: what the exponents of f16 and f32 differ by.
 const REBIAS: f32 = f32::from_bits((127 + 112) << 23);
 
+/// The number that the bits of an f16 stand for that is finite and not negative: they shift into place,
+/// subnormals as well. That leaves the exponent 112 too small.
+#[inline]
+pub fn half_to_f32(bits: u16) -> f32 {
+    f32::from_bits(u32::from(bits) << 13) * REBIAS
+}
+
 /// A checked tile map over its bytes.
 #[derive(Clone, Copy, Debug)]
 pub struct TileMap<'a> {
-    bytes: &'a [u8],
-    layout: &'a Layout,
+    pub(super) bytes: &'a [u8],
+    pub(super) layout: &'a Layout,
 }
 
 /// One surface in one tile.
@@ -35,19 +42,19 @@ impl<'a> TileMap<'a> {
         TileMap { bytes, layout }
     }
 
-    fn surface(&self, entry: usize) -> u32 {
+    pub(super) fn surface(&self, entry: usize) -> u32 {
         u32_at(&self.bytes[self.layout.surface_at..], entry)
     }
 
-    fn value(&self, slot: usize) -> u32 {
+    pub(super) fn value(&self, slot: usize) -> u32 {
         u32_at(&self.bytes[self.layout.value_at..], slot)
     }
 
-    fn state(&self, slot: usize) -> u8 {
+    pub(super) fn state(&self, slot: usize) -> u8 {
         self.bytes[self.layout.state_at + slot]
     }
 
-    fn mask(&self, entry: usize) -> &'a [u8] {
+    pub(super) fn mask(&self, entry: usize) -> &'a [u8] {
         let at = self.layout.mask_at + 8 * self.layout.words * entry;
         &self.bytes[at..at + 8 * self.layout.words]
     }
@@ -55,12 +62,8 @@ impl<'a> TileMap<'a> {
     fn rgb(&self, value: usize) -> Rgb {
         let at = self.layout.rgb_at + 6 * value;
         let h = &self.bytes[at..at + 6];
-        // Finite and not negative was checked, so the bits shift into place, subnormals as well. That
-        // leaves the exponent 112 too small. Both products are exact; in one, 2^112 and the scale
-        // could overflow.
-        let channel =
-            |c| f32::from_bits(u32::from(u16_at(h, c)) << 13) * REBIAS * self.layout.scale;
-        Rgb([channel(0), channel(1), channel(2)])
+        // Both products are exact; in one, 2^112 and the scale could overflow.
+        Rgb([0, 1, 2].map(|c| half_to_f32(u16_at(h, c)) * self.layout.scale))
     }
 
     /// Number of entries over all tiles.
