@@ -326,6 +326,7 @@ fn parameters() -> Parameters {
         cycles: Some(3),
         unshot_fraction: 1e-3,
         perturbations: vec![1],
+        thinned: 0,
         texel_cells: 1.0,
         filter: 0,
         one_sided: false,
@@ -765,7 +766,7 @@ fn the_record_is_as_specified() {
         assert_eq!((r.u8(), r.u32()), (1, p.cycles.unwrap()));
         assert_eq!(r.f64(), p.unshot_fraction);
         assert_eq!(r.u64(), 1);
-        assert_eq!(r.u32(), p.perturbations[0]);
+        assert_eq!((r.u32(), r.u32()), (p.perturbations[0], p.thinned));
         assert_eq!((r.f64(), r.u32(), r.u8()), (p.texel_cells, p.filter, 0));
         assert_eq!((r.u32(), r.u32()), (p.transfer as u32, p.specular as u32));
         assert_eq!(r.u8(), 0);

@@ -128,3 +128,25 @@ v 0.5 0.7 0.1\nv 0.7 0.55 0.1\nv 0.7 0.55 0.35\nv 0.5 0.7 0.35\nusemtl b\nf 5 6 
     assert!(to_a > 0.0);
     assert!((to_b / to_a - 1.0).abs() < 0.01, "{to_b} to b, {to_a} to a");
 }
+
+/// Late light is smooth and little: a quarter of the lines shows it as well.
+#[test]
+fn late_cycles_on_a_coarser_lattice_bring_the_same_light() {
+    let (obj, mtl) = text("cornell");
+    let scene = scene_of(&obj, &mtl);
+    let total = |thinned| {
+        let parameters = Parameters { perturbations: vec![2, 2, 1], thinned, ..parameters(513, 64, 6) };
+        Baked::new(&scene, &parameters).open()
+    };
+    let (all, quarter) = (total(0), total(1));
+    assert_ne!(all.total, quarter.total, "the lattice is not coarser");
+    let hidden = hidden(&all);
+    let (mut sum, mut off) = (0.0, 0.0);
+    for texel in (0..hidden.len()).filter(|t| !hidden[*t]) {
+        let (a, b) = (all.total[2 * texel].mean(), quarter.total[2 * texel].mean());
+        sum += f64::from(a);
+        off += f64::from((a - b).abs());
+    }
+    println!("mean {}, mean difference {:.3} %", sum / hidden.len() as f64, 100.0 * off / sum);
+    assert!(off < 0.01 * sum, "{:.2} % off", 100.0 * off / sum);
+}

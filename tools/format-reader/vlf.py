@@ -456,41 +456,44 @@ class Vlf(KaitaiStruct):
             for i in range(self.num_perturbations):
                 self.perturbations.append(self._io.read_u4le())
 
+            self.thinned = self._io.read_u4le()
+            if not self.thinned <= 9:
+                raise kaitaistruct.ValidationGreaterThanError(9, self.thinned, self._io, u"/types/record/seq/9")
             self.texel_cells = self._io.read_f8le()
             if not self.texel_cells >= 0.1:
-                raise kaitaistruct.ValidationLessThanError(0.1, self.texel_cells, self._io, u"/types/record/seq/9")
+                raise kaitaistruct.ValidationLessThanError(0.1, self.texel_cells, self._io, u"/types/record/seq/10")
             if not self.texel_cells <= 100:
-                raise kaitaistruct.ValidationGreaterThanError(100, self.texel_cells, self._io, u"/types/record/seq/9")
+                raise kaitaistruct.ValidationGreaterThanError(100, self.texel_cells, self._io, u"/types/record/seq/10")
             self.filter = self._io.read_u4le()
             if not self.filter <= 64:
-                raise kaitaistruct.ValidationGreaterThanError(64, self.filter, self._io, u"/types/record/seq/10")
+                raise kaitaistruct.ValidationGreaterThanError(64, self.filter, self._io, u"/types/record/seq/11")
             self.one_sided = self._io.read_u1()
             if not self.one_sided <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.one_sided, self._io, u"/types/record/seq/11")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.one_sided, self._io, u"/types/record/seq/12")
             self.transfer = KaitaiStream.resolve_enum(Vlf.Transfer, self._io.read_u4le())
             if not isinstance(self.transfer, Vlf.Transfer):
-                raise kaitaistruct.ValidationNotInEnumError(self.transfer, self._io, u"/types/record/seq/12")
+                raise kaitaistruct.ValidationNotInEnumError(self.transfer, self._io, u"/types/record/seq/13")
             self.specular = KaitaiStream.resolve_enum(Vlf.Specular, self._io.read_u4le())
             if not isinstance(self.specular, Vlf.Specular):
-                raise kaitaistruct.ValidationNotInEnumError(self.specular, self._io, u"/types/record/seq/13")
+                raise kaitaistruct.ValidationNotInEnumError(self.specular, self._io, u"/types/record/seq/14")
             self.resample = self._io.read_u1()
             if not self.resample >= (1 if self.specular == Vlf.Specular.trace else 0):
-                raise kaitaistruct.ValidationLessThanError((1 if self.specular == Vlf.Specular.trace else 0), self.resample, self._io, u"/types/record/seq/14")
+                raise kaitaistruct.ValidationLessThanError((1 if self.specular == Vlf.Specular.trace else 0), self.resample, self._io, u"/types/record/seq/15")
             if not self.resample <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.resample, self._io, u"/types/record/seq/14")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.resample, self._io, u"/types/record/seq/15")
             self.scene_hash = self._io.read_bytes(16)
             self.phase = KaitaiStream.resolve_enum(Vlf.Phase, self._io.read_u4le())
             if not isinstance(self.phase, Vlf.Phase):
-                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/16")
+                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/17")
             self.cycle = self._io.read_u4le()
             self.len_done = self._io.read_u8le()
             if not self.len_done == (self.num_directions + 7) // 8:
-                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/18")
+                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/19")
             self.done = self._io.read_bytes(self.len_done)
             self.sequence = self._io.read_u8le()
             self.has_sums = self._io.read_u1()
             if not self.has_sums <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/21")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/22")
             self.num_ledgers = self._io.read_u8le()
             self.ledgers = []
             for i in range(self.num_ledgers):
@@ -511,7 +514,7 @@ class Vlf(KaitaiStruct):
             self.wait = self._io.read_f8le()
             self.has_sync = self._io.read_u1()
             if not self.has_sync <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/37")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/38")
             if self.has_sync == 1:
                 pass
                 self.sync = self._io.read_f8le()
@@ -520,7 +523,7 @@ class Vlf(KaitaiStruct):
             self.end = self._io.read_bytes(0)
             _ = self.end
             if not self._io.is_eof():
-                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/40")
+                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/41")
 
 
         def _fetch_instances(self):
@@ -589,7 +592,7 @@ class Vlf(KaitaiStruct):
             if hasattr(self, '_m_len_identity'):
                 return self._m_len_identity
 
-            self._m_len_identity = (71 + 4 * self.has_cycles) + 4 * self.num_perturbations
+            self._m_len_identity = (75 + 4 * self.has_cycles) + 4 * self.num_perturbations
             return getattr(self, '_m_len_identity', None)
 
 
