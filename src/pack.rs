@@ -18,8 +18,8 @@ use crate::field::storage::Storage;
 use crate::field::storage::disk::Disk;
 use crate::field::{FieldError, read_manifest};
 use crate::format::container::{
-    self, ChunkId, ChunkKind, Codec, ContainerWriter, DIFFUSE_LEFT_OUT, Directory,
-    FIRST_BLOCK, FileKind, Header, NO_DIRECTION, encode,
+    self, ChunkId, ChunkKind, Codec, ContainerWriter, DIFFUSE_LEFT_OUT, Directory, FIRST_BLOCK,
+    FileKind, Header, NO_DIRECTION, encode,
 };
 use crate::format::limits::Limits;
 use crate::format::manifest::{Manifest, Phase, Statistics, record_to_bytes};
@@ -154,8 +154,7 @@ pub fn pack_from(
     let scene_bytes = read(names::SCENE, FileKind::Scene, ChunkKind::Scene)?;
     let textures = names::textures(cycle);
     let total_bytes = read(&textures, FileKind::Textures, ChunkKind::TotalTexture)?;
-    let record =
-        record_to_bytes(&stripped(&manifest)).map_err(|f| in_file(f, field.display()))?;
+    let record = record_to_bytes(&stripped(&manifest)).map_err(|f| in_file(f, field.display()))?;
     let codec = match options.codec {
         Codec::Planes => Codec::Zstd,
         codec => codec,
@@ -179,8 +178,8 @@ pub fn pack_from(
         return Err(in_file(Fault::invalid("is not the texture map of the scene"), &textures));
     }
     let texels = Texels::new(&scene, edge);
-    let total = texels::from_bytes(&total_bytes, 2 * texels.len())
-        .map_err(|f| in_file(f, &textures))?;
+    let total =
+        texels::from_bytes(&total_bytes, 2 * texels.len()).map_err(|f| in_file(f, &textures))?;
     drop((scene_bytes, total_bytes));
     let texture = Texture { scene: &scene, texels: &texels, total: &total };
     let lattice = Directions::with_lines(directions);
@@ -190,8 +189,7 @@ pub fn pack_from(
     let packer = Packer { storage, header, texture, lattice, options };
     let order: Vec<u32> = (0..directions).collect();
     for (number, block) in order.chunks(size).enumerate() {
-        let packed: Vec<Result<_, PackError>> =
-            block.par_iter().map(|d| packer.map(*d)).collect();
+        let packed: Vec<Result<_, PackError>> = block.par_iter().map(|d| packer.map(*d)).collect();
         for map in packed {
             let map = map?;
             let id = ChunkId { kind: ChunkKind::Total, cycle, direction: map.direction };
@@ -310,8 +308,7 @@ impl Packer<'_> {
         let file = FileKind::Tiles;
         let bytes = read_chunk(self.storage, &name, file, (ChunkKind::Total, direction))?;
         let Header { resolution, tile, surfaces, exponent, .. } = self.header;
-        let layout =
-            Layout::check(&bytes, resolution, tile, surfaces, exponent).map_err(failed)?;
+        let layout = Layout::check(&bytes, resolution, tile, surfaces, exponent).map_err(failed)?;
         let map = TileMap::new(&bytes, &layout);
         let psf = Psf::new(self.lattice.vector(DirectionId(direction)), resolution);
         let keep = |surface| self.keeps(surface);

@@ -96,7 +96,8 @@ fn storable(value: f32) -> f32 {
 /// # Errors
 /// When a mirror, or a surface on edge, is textured.
 pub fn check(map: &TileMap, psf: &Psf, scene: &Scene) -> Result<(), Fault> {
-    let is_known = |slot: Slot| slot.state != TEXTURED || cosine(scene, psf, slot.surface).is_some();
+    let is_known =
+        |slot: Slot| slot.state != TEXTURED || cosine(scene, psf, slot.surface).is_some();
     match map.slots().all(is_known) {
         true => Ok(()),
         false => Err(Fault::invalid("tile map: a mirror, or a surface on edge, is textured")),

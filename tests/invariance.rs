@@ -135,7 +135,8 @@ fn late_cycles_on_a_coarser_lattice_bring_the_same_light() {
     let (obj, mtl) = text("cornell");
     let scene = scene_of(&obj, &mtl);
     let total = |thinned| {
-        let parameters = Parameters { perturbations: vec![2, 2, 1], thinned, ..parameters(513, 64, 6) };
+        let parameters =
+            Parameters { perturbations: vec![2, 2, 1], thinned, ..parameters(513, 64, 6) };
         Baked::new(&scene, &parameters).open()
     };
     let (all, quarter) = (total(0), total(1));

@@ -70,8 +70,7 @@ fn no_cell_is_off_by_more_than_the_error_asked_for() {
             }
             // A pixel is a mean of cells, so it is off no more than they are.
             let camera = camera("cornell_mirror", 60, 45);
-            let pictures =
-                [&field, &pack].map(|field| picture(field, &camera, Method::Field, 1));
+            let pictures = [&field, &pack].map(|field| picture(field, &camera, Method::Field, 1));
             for (there, here) in pictures[0].pixels.iter().zip(&pictures[1].pixels) {
                 let off = (0..3).map(|c| (there.0[c] - here.0[c]).abs()).fold(0.0, f32::max);
                 assert!(off <= 3.0 * max_error * there.mean() + 1e-6, "{there:?}, not {here:?}");
@@ -106,9 +105,7 @@ fn a_pack_without_diffuse_maps_looks_to_the_texture_map() {
                 let away = (s.normal + s.u * slope).normalize();
                 let expected = match is_mirror(id) {
                     true => field.radiance(id, point, away).unwrap(),
-                    false => {
-                        texels::sample(&field.texels, &field.total, id, s, Side::Front, point)
-                    }
+                    false => texels::sample(&field.texels, &field.total, id, s, Side::Front, point),
                 };
                 assert_eq!(pack.radiance(id, point, away).unwrap(), expected);
             }

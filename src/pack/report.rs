@@ -1,7 +1,7 @@
 //! What packing did, by section, and what was lost in it.
 
-use super::reduce::Deviation;
 use super::Packed;
+use super::reduce::Deviation;
 use serde::Serialize;
 
 /// Bytes of a part before and after.

@@ -172,7 +172,8 @@ impl Pack<'_> {
         let Header { resolution, tile, surfaces, exponent, .. } = self.header;
         self.decoded(entry, |bytes| {
             let layout = Layout::check_packed(bytes, (resolution, tile), surfaces, exponent)?;
-            let Some((scene, directions)) = self.scene.as_ref().zip(self.directions.as_ref()) else {
+            let Some((scene, directions)) = self.scene.as_ref().zip(self.directions.as_ref())
+            else {
                 return Ok(());
             };
             let map = TileMap::new(bytes, &layout);

@@ -78,7 +78,8 @@ fn the_report_says_what_became_of_each_section_and_what_was_lost() {
         String::from_utf8(output.stdout).unwrap()
     };
     let lossy = said(&["--max-error", "0.1"]);
-    for words in ["scene", "texture maps", "total radiance maps", " : 1", "off by", "in the worst"] {
+    for words in ["scene", "texture maps", "total radiance maps", " : 1", "off by", "in the worst"]
+    {
         assert!(lossy.contains(words), "{words}: {lossy}");
     }
     assert!(said(&["--max-error", "0"]).contains("nothing lost"));

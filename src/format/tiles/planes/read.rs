@@ -74,8 +74,9 @@ pub fn from_planes(planes: &[u8], raw: u64) -> Result<Vec<u8>, Fault> {
     w.pad(8);
     w.0.extend_from_slice(&masks);
 
-    let [red, green, blue] =
-        [(); 3].map(|()| take(&mut r, 2, values as usize)).map(|channel| channel.map(Vec::into_iter));
+    let [red, green, blue] = [(); 3]
+        .map(|()| take(&mut r, 2, values as usize))
+        .map(|channel| channel.map(Vec::into_iter));
     let (mut red, mut green, mut blue) = (red?, green?, blue?);
     let mut neighbours = Neighbours::new(m as usize);
     for (state, mask) in slots() {
