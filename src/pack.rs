@@ -1,7 +1,7 @@
 //! Act two: a finished field becomes one file (section 8: "the Unshot Radiance Maps can be deleted").
 //!
 //! In: a field directory whose bake has finished. Out: one self-contained `.vlf`: record, scene, Total
-//! Texture Map, then the total radiance map of every direction. Every chunk is verified and every map
+//! Texture Map, then the total radiance map of every direction, coarse lattices first. Every chunk is verified and every map
 //! checked on the way, so that what is packed is sound; each packed map is decoded again, as a reader
 //! would, and held against the true one. The same field gives the same bytes.
 
@@ -12,7 +12,7 @@ mod report;
 pub use reduce::{Deviation, Place};
 pub use report::{PackReport, Section};
 
-use crate::directions::Directions;
+use crate::directions::{Directions, paging};
 use crate::field::files::read_chunk;
 use crate::field::storage::Storage;
 use crate::field::storage::disk::Disk;
@@ -187,9 +187,9 @@ pub fn pack_from(
         in_file(Fault::invalid(format!("{directions} directions")), field.display())
     })?;
     let packer = Packer { storage, header, texture, lattice, options };
-    let order: Vec<u32> = (0..directions).collect();
+    let order = paging(directions).unwrap_or_default();
     for (number, block) in order.chunks(size).enumerate() {
-        let packed: Vec<Result<_, PackError>> = block.par_iter().map(|d| packer.map(*d)).collect();
+        let packed: Vec<Result<_, PackError>> = block.par_iter().map(|d| packer.map(d.0)).collect();
         for map in packed {
             let map = map?;
             let id = ChunkId { kind: ChunkKind::Total, cycle, direction: map.direction };

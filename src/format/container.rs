@@ -18,6 +18,8 @@
 use super::bytes::{Reader, Writer};
 use super::limits::{self, Limits};
 use super::{Fault, FormatError, READS_MAJOR, room_for, tiles};
+use crate::directions::paging;
+use crate::ids::DirectionId;
 use std::borrow::Cow;
 use std::hash::Hasher;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -542,7 +544,13 @@ impl ChunkEntry {
     }
 
     /// Checks that the chunk is in its file and behind the one before it.
-    fn check_place(&self, header: &Header, before: Option<&ChunkEntry>) -> Result<(), Fault> {
+    /// `next` is whose turn it is among the maps of a pack.
+    fn check_place(
+        &self,
+        header: &Header,
+        before: Option<&ChunkEntry>,
+        next: Option<DirectionId>,
+    ) -> Result<(), Fault> {
         let ChunkId { kind, cycle, direction } = self.id;
         let wrong =
             |what| Err(Fault::invalid(format!("{kind:?} of direction {direction}: {what}")));
@@ -558,7 +566,11 @@ impl ChunkEntry {
             return wrong("its cycle or direction is not its file's");
         }
         // Not twice either.
-        if before.is_some_and(|b| (b.id.kind, b.id.direction) >= (kind, direction)) {
+        let is_in_order = match (header.kind, kind) {
+            (FileKind::Pack, ChunkKind::Total) => next == Some(DirectionId(direction)),
+            _ => before.is_none_or(|b| (b.id.kind, b.id.direction) < (kind, direction)),
+        };
+        if !is_in_order {
             return wrong("the chunks are not in order");
         }
         Ok(())
@@ -611,9 +623,16 @@ impl Directory {
         let mut r = Reader::new(table);
         let mut entries: Vec<ChunkEntry> = room_for(chunks, || "directory".into())?;
         let mut at = end as u64;
+        let order = match header.kind {
+            FileKind::Pack => paging(header.directions).unwrap_or_default(),
+            _ => Vec::new(),
+        };
+        let mut order = order.into_iter();
         for i in 0..chunks {
             let entry = ChunkEntry::parse(&mut r, &header, limits)?;
-            entry.check_place(&header, entries.last())?;
+            let is_packed = entry.id.kind == ChunkKind::Total && header.kind == FileKind::Pack;
+            let next = if is_packed { order.next() } else { None };
+            entry.check_place(&header, entries.last(), next)?;
             if entry.offset != at.next_multiple_of(ALIGN as u64) {
                 return Err(Fault::invalid(format!("chunk {i} is not where the one before ends")));
             }

@@ -82,8 +82,17 @@ pub struct LightField {
 }
 
 enum Source {
-    Pack { file: PackFile, directory: Directory },
-    Field { path: PathBuf, header: Header, limits: Limits },
+    Pack {
+        file: PackFile,
+        directory: Directory,
+        /// By direction the place of its map's entry.
+        places: Vec<usize>,
+    },
+    Field {
+        path: PathBuf,
+        header: Header,
+        limits: Limits,
+    },
 }
 
 /// A direction's map: where it lies in the mapped file, or its bytes.
@@ -176,7 +185,14 @@ impl LightField {
         };
         let (manifest, scene, texels, total) = parts().map_err(|f| f.in_file(&name))?;
         let header = directory.header.clone();
-        let source = Source::Pack { file, directory };
+        // A directory that was checked has an entry for each.
+        let mut places = vec![0; header.directions as usize];
+        for (place, entry) in directory.entries.iter().enumerate() {
+            if entry.id.kind == ChunkKind::Total {
+                places[entry.id.direction as usize] = place;
+            }
+        }
+        let source = Source::Pack { file, directory, places };
         Self::assemble(&name, (scene, texels, total), manifest, &header, source)
     }
 
@@ -262,9 +278,9 @@ impl LightField {
             Layout::check_packed(bytes, tiles, surfaces, self.exponent)
         };
         match &self.source {
-            Source::Pack { file, directory } => {
+            Source::Pack { file, directory, places } => {
                 let load = || {
-                    let entry = find_map(directory, direction)?;
+                    let entry = &directory.entries[places[direction as usize]];
                     let bytes = file.chunk(directory, entry)?;
                     let layout = check(&bytes)?;
                     if layout.is_textured() {
@@ -398,16 +414,6 @@ impl LightField {
         }
         Ok(Rgb::BLACK)
     }
-}
-
-/// Packs hold the scene's parts first, then one map a direction, in order: no search is needed.
-fn find_map(directory: &Directory, direction: u32) -> Result<&container::ChunkEntry, Fault> {
-    let maps = directory.entries.len().saturating_sub(directory.header.directions as usize);
-    directory
-        .entries
-        .get(maps + direction as usize)
-        .filter(|e| e.id.kind == ChunkKind::Total && e.id.direction == direction)
-        .ok_or_else(|| Fault::Missing(format!("the map of direction {direction}")))
 }
 
 /// The texels of a scene, and the values of its texture map, which must take `raw` bytes; that is

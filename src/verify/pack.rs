@@ -1,7 +1,7 @@
 //! A packed field: one file, which must be whole in itself.
 
 use super::{BLOCK, Checked, Finding, Place, Report, TextureBlocks, agrees, check_length};
-use crate::directions::Directions;
+use crate::directions::{Directions, paging};
 use crate::field::files::{self, Opened};
 use crate::field::{FieldError, hash};
 use crate::format::Fault;
@@ -106,7 +106,8 @@ fn structure(
     let id = |kind, direction| ChunkId { kind, cycle: cycle.unwrap_or_default(), direction };
     let parts = [ChunkKind::Record, ChunkKind::Scene, ChunkKind::TotalTexture];
     let parts = parts.into_iter().map(|kind| id(kind, NO_DIRECTION));
-    let maps = (0..header.directions).map(|direction| id(ChunkKind::Total, direction));
+    let maps = paging(header.directions).unwrap_or_default();
+    let maps = maps.into_iter().map(|direction| id(ChunkKind::Total, direction.0));
     if let Some((entry, _)) = entries.iter().zip(parts.chain(maps)).find(|(e, id)| e.id != *id) {
         findings.push(place.chunk(entry).damaged("is where another chunk should be"));
     }

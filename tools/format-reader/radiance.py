@@ -83,7 +83,8 @@ class Pack:
         self.block = file.block
         self.record, self.scene = file.content(Kind.record), file.content(Kind.scene)
         self.textures = file.content(Kind.total_textures)
-        self.maps = [c.content for c in file.chunks if c.entry.kind == Kind.total_tiles]
+        totals = [c for c in file.chunks if c.entry.kind == Kind.total_tiles]
+        self.maps = {c.entry.direction: c.content for c in totals}
         self.lines = Lines(self.block.num_directions)
 
     def radiance(self, surface, point, away):

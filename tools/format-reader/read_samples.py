@@ -97,7 +97,7 @@ def sound_samples(folder, expected):
         return
     parts = [[c.raw for c in file.chunks[:3]] for file in packs.values()]
     check(all(p == parts[0] for p in parts), f"{', '.join(packs)}: record, scene or textures differ")
-    whole = packs["raw.vlf"].chunks[3].raw
+    whole = next(c.raw for c in packs["raw.vlf"].chunks if c.entry.direction == 0)
     check(totals.chunks[0].raw == whole, "the total map of line 0 is not that of raw.vlf")
     check_manifest(field["record"])
 

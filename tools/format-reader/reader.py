@@ -188,7 +188,7 @@ def check_chunks(block, entries):
     allowed = CHUNKS[block.file_kind]
     if block.file_kind == Holder.pack:
         allowed = [allowed[0] + [Kind.total_tiles] * block.num_directions]
-        expected = [NONE] * 3 + list(range(block.num_directions))
+        expected = [NONE] * 3 + order_of_maps(block.num_directions)
     else:
         expected = [block.direction] * len(lines)
         cycles = {e.cycle for e in entries}
@@ -197,6 +197,22 @@ def check_chunks(block, entries):
     names = [kind.name for kind in kinds]
     require(kinds in allowed, 5, f"chunks {names} in a file of kind {block.file_kind.name}")
     require(lines == expected, 5, f"chunks of lines {lines}")
+
+
+def order_of_maps(lines):
+    """The lines in the order in which a pack has their maps."""
+    q = math.isqrt((lines - 1) // 2)
+    keys = []
+    for y in range(-q, q + 1):
+        for x in range(abs(y) - q, q - abs(y) + 1):
+            # Of the ends of a line on the equator the first one names it.
+            if abs(x) + abs(y) < q or (y, x) < (0, 0):
+                halved = next(h for h in range(q.bit_length(), -1, -1) if (x | y | q) % 2**h == 0)
+                place = sum(
+                    (x + q >> i & 1) << 2 * i | (y + q >> i & 1) << 2 * i + 1 for i in range(16)
+                )
+                keys.append((-halved, place, len(keys)))
+    return [line for _, _, line in sorted(keys)]
 
 
 def decoded(root, entry, name):

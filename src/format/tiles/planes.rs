@@ -129,8 +129,8 @@ fn try_cells<E>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CoveredCell, Layout, TileMap, TileMapWriter};
     use super::*;
+    use crate::format::tiles::{CoveredCell, Layout, TileMap, TileMapWriter};
     use crate::ids::SurfaceId;
     use crate::radiance::Rgb;
     use proptest::prelude::*;

@@ -1,12 +1,12 @@
 //! Putting planes that come from a file together again.
 
-use super::super::{CONSTANT, DATA, Parts};
 use super::{Neighbours, length, row_bytes, try_cells};
 use crate::format::bytes::{Reader, Writer};
+use crate::format::tiles::{CONSTANT, DATA, Parts};
 use crate::format::{Fault, room_for};
 
 /// The map of `raw` bytes that planes were made from. What it holds is not checked beyond that its
-/// tables have their places: that is [`super::super::Layout::check`]'s.
+/// tables have their places: that is [`Layout::check`](crate::format::tiles::Layout::check)'s.
 ///
 /// # Errors
 /// When the numbers of tables do not add up to the lengths, or contradict each other.

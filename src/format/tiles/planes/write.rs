@@ -7,9 +7,9 @@
     reason = "the layout was checked with the bytes"
 )]
 
-use super::super::{FIRST_AT, TileMap, numbers};
 use super::{Neighbours, row_bytes, try_cells};
 use crate::format::bytes::{Writer, u16_at};
+use crate::format::tiles::{FIRST_AT, TileMap, numbers};
 use std::convert::Infallible;
 
 /// Rearranges a checked map.
