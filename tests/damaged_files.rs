@@ -31,7 +31,7 @@ fn everything(path: &Path) -> Result<Vec<u32>, LookError> {
     };
     all.extend(field.total.iter().flat_map(|v| bits(*v)));
     for direction in 0..field.directions.len() as u32 {
-        field.map(direction)?.for_each(|surface, cell, both| {
+        field.map(direction)?.tiles().for_each(|surface, cell, both| {
             all.extend([surface.0, cell.i, cell.j]);
             all.extend(both.into_iter().flat_map(bits));
         });

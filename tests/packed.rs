@@ -27,7 +27,11 @@ fn packed(baked: &Baked, out: &Path, options: &Options) -> Result<PackReport, Pa
 /// Every covered cell of a direction's map, with the radiance of both senses.
 fn cells(field: &LightField, direction: u32) -> Vec<(SurfaceId, Cell, [Rgb; 2])> {
     let mut cells = Vec::new();
-    field.map(direction).unwrap().for_each(|surface, cell, both| cells.push((surface, cell, both)));
+    field
+        .map(direction)
+        .unwrap()
+        .tiles()
+        .for_each(|surface, cell, both| cells.push((surface, cell, both)));
     cells
 }
 
@@ -234,4 +238,36 @@ fn a_pack_that_is_cut_short_while_it_is_read_is_damaged() {
     let error = field.map(31).unwrap_err();
     assert!(error.to_string().contains("checksum mismatch"), "{error}");
     assert_eq!(vlf::exit::code(&error), vlf::exit::CORRUPT);
+}
+
+/// A walk through a pack whose maps take many times the memory that they may: the same pictures, and
+/// no more memory than was given, however many threads look.
+#[test]
+fn a_pack_far_larger_than_memory_shows_the_same_and_keeps_to_the_memory() {
+    let baked = Baked::new(&scene("cornell_mirror"), &parameters(513, 32, 2));
+    let field = baked.open();
+    let out = baked.path.with_extension("vlf");
+    let mut camera = camera("cornell_mirror", 40, 30);
+    let mut walk = Vec::new();
+    for step in 0..6 {
+        camera.eye.x += 0.05 * f64::from(step);
+        walk.push(camera.clone());
+    }
+    let pictures = |field: &LightField| -> Vec<_> {
+        walk.iter().map(|camera| picture(field, camera, Method::Field, 1)).collect()
+    };
+    let expected = pictures(&field);
+    for (codec, access) in [(Codec::Planes, Access::Mapped), (Codec::Raw, Access::Read)] {
+        pack(&baked.path, &out, codec, &|_| {}).unwrap();
+        let open = || LightField::open_within(&out, access, &Limits::default()).unwrap();
+        let all = open();
+        (0..513).for_each(|direction| _ = all.map(direction).unwrap());
+        let memory = all.memory() / 8;
+        let pack = open().with_memory(memory);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
+        assert!(pool.install(|| pictures(&pack)) == expected, "{codec:?}");
+        assert!(pack.memory() <= memory && 2 * pack.memory() > memory, "{codec:?}");
+        // Nothing kept at all is slow, and right.
+        assert!(picture(&open().with_memory(0), &walk[0], Method::Field, 1) == expected[0]);
+    }
 }

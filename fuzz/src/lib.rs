@@ -185,7 +185,8 @@ pub fn pack(data: &[u8]) {
         let Ok(field) = LightField::open(&path) else { continue };
         for direction in 0..field.directions.len() as u32 {
             if let Ok(map) = field.map(direction) {
-                map.for_each(|_, _, both| assert!(both.iter().all(|rgb| rgb.is_physical())));
+                map.tiles()
+                    .for_each(|_, _, both| assert!(both.iter().all(|rgb| rgb.is_physical())));
             }
         }
         for id in field.scene.surface_ids().take(8) {

@@ -229,6 +229,9 @@ pub struct Render {
     /// never map
     #[arg(long)]
     pub no_map: bool,
+    /// Memory that decoded maps may take
+    #[arg(long, default_value = "1GiB")]
+    pub memory: ByteSize,
     /// Exposure of a PNG in EV (powers of two) [default: from the picture]
     #[arg(long, value_name = "EV", allow_hyphen_values = true)]
     pub exposure: Option<f32>,

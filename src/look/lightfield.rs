@@ -4,30 +4,28 @@
 //! the radiance of any surface at any point in any direction. Nothing is computed, only looked up.
 //! Each direction's map is verified when it is first touched.
 
+use super::accessor::Accessor;
+use super::maps::{Map, Maps, Source};
+use super::packed::{Access, PackFile};
 use crate::directions::Directions;
-use crate::format::container::{self, ChunkKind, Directory, FileKind, Header, NO_DIRECTION};
+use crate::format::container::{self, ChunkKind, FileKind, Header, NO_DIRECTION};
 use crate::format::limits::Limits;
 use crate::format::manifest::{Manifest, Phase, record_from_bytes};
-use crate::format::tiles::{Layout, TileMap};
 use crate::format::{Fault, FormatError, names};
-use crate::gather::{Around, mirrored};
-use crate::ids::{DirectionId, Side, SurfaceId};
-use crate::look::packed::{Access, PackFile};
-use crate::psf::Psf;
+use crate::ids::{DirectionId, SurfaceId};
 use crate::radiance::Rgb;
 use crate::scene::texels::{self, Texels};
-use crate::scene::{Reflectance, Scene, stored};
-use crate::textured::{self, Texture};
+use crate::scene::{Scene, stored};
 use glam::Vec3;
 use std::borrow::Cow;
 use std::fs;
 use std::io::ErrorKind::NotFound;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::Arc;
 
-/// Circles of directions in which a mirror is looked for that none of the nearest three shows.
-const CIRCLES: u32 = 4;
+/// Bytes that decoded maps may take, unless [`LightField::with_memory`] says otherwise.
+pub const MEMORY: u64 = 1 << 30;
 
 /// Why a field cannot be looked at.
 #[derive(Debug, thiserror::Error)]
@@ -73,37 +71,10 @@ pub struct LightField {
     pub directions: Directions,
     /// What the field is and how it was baked.
     pub manifest: Manifest,
-    /// Power of two by which stored radiance is scaled.
-    exponent: i32,
     /// Whether maps have no diffuse surfaces: then the Total Texture Map has all there is of them.
-    diffuse_left_out: bool,
-    source: Source,
-    maps: Vec<OnceLock<Result<StoredMap, FormatError>>>,
-}
-
-enum Source {
-    Pack {
-        file: PackFile,
-        directory: Directory,
-        /// By direction the place of its map's entry.
-        places: Vec<usize>,
-    },
-    Field {
-        path: PathBuf,
-        header: Header,
-        limits: Limits,
-    },
-}
-
-/// A direction's map: where it lies in the mapped file, or its bytes.
-struct StoredMap {
-    bytes: Stored,
-    layout: Layout,
-}
-
-enum Stored {
-    Mapped(std::ops::Range<usize>),
-    Decoded(Vec<u8>),
+    pub(super) diffuse_left_out: bool,
+    pub(super) source: Source,
+    maps: Maps,
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, LookError> {
@@ -118,7 +89,7 @@ fn read(path: &Path) -> Result<Vec<u8>, LookError> {
 }
 
 /// A chunk of a field's file, which must be of the field, generation and direction of `place`.
-fn chunk_of(
+pub(super) fn chunk_of(
     path: &Path,
     place: &Header,
     chunk: ChunkKind,
@@ -192,7 +163,7 @@ impl LightField {
                 places[entry.id.direction as usize] = place;
             }
         }
-        let source = Source::Pack { file, directory, places };
+        let source = Source::Pack { file: Arc::new(file), directory, places };
         Self::assemble(&name, (scene, texels, total), manifest, &header, source)
     }
 
@@ -241,94 +212,45 @@ impl LightField {
         let lines = manifest.parameters.directions;
         let directions = Directions::with_lines(lines)
             .ok_or_else(|| Fault::invalid(format!("{lines} directions")).in_file(name))?;
-        let maps = (0..lines).map(|_| OnceLock::new()).collect();
+        let maps = Maps::new(MEMORY);
         Ok(LightField {
             scene,
             texels,
             total,
             directions,
             manifest,
-            exponent: header.exponent,
             diffuse_left_out: header.leaves_diffuse_out(),
             source,
             maps,
         })
     }
 
+    /// The same with other room for decoded maps, in bytes; what threads look at comes on top.
+    pub fn with_memory(self, bytes: u64) -> LightField {
+        LightField { maps: Maps::new(bytes), ..self }
+    }
+
     /// The total radiance map of a direction, verified.
     ///
     /// # Errors
     /// When it is missing or damaged.
-    pub fn map(&self, direction: u32) -> Result<TileMap<'_>, FormatError> {
-        let stored = self.maps[direction as usize].get_or_init(|| self.load(direction));
-        let stored = stored.as_ref().map_err(Clone::clone)?;
-        let bytes = match (&stored.bytes, &self.source) {
-            (Stored::Decoded(bytes), _) => bytes,
-            (Stored::Mapped(range), Source::Pack { file, .. }) => file.mapped(range),
-            (Stored::Mapped(_), Source::Field { .. }) => &[][..],
-        };
-        Ok(TileMap::new(bytes, &stored.layout))
+    pub fn map(&self, direction: u32) -> Result<Arc<Map>, FormatError> {
+        self.maps.get(direction, || self.load(direction))
     }
 
-    fn load(&self, direction: u32) -> Result<StoredMap, FormatError> {
-        let p = &self.manifest.parameters;
-        let surfaces = self.scene.surfaces.len() as u32;
-        let check = |bytes: &[u8]| {
-            let tiles = (p.resolution, p.tile);
-            Layout::check_packed(bytes, tiles, surfaces, self.exponent)
-        };
-        match &self.source {
-            Source::Pack { file, directory, places } => {
-                let load = || {
-                    let entry = &directory.entries[places[direction as usize]];
-                    let bytes = file.chunk(directory, entry)?;
-                    let layout = check(&bytes)?;
-                    if layout.is_textured() {
-                        let bytes = self.filled(direction, &TileMap::new(&bytes, &layout))?;
-                        let layout = check(&bytes)?;
-                        return Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) });
-                    }
-                    let from = entry.offset as usize;
-                    let bytes = match bytes {
-                        Cow::Borrowed(bytes) => Stored::Mapped(from..from + bytes.len()),
-                        Cow::Owned(bytes) => Stored::Decoded(bytes),
-                    };
-                    Ok(StoredMap { layout, bytes })
-                };
-                let place = || format!("{}: direction {direction}", file.name());
-                load().map_err(|f: Fault| f.in_file(place()))
-            }
-            Source::Field { path, header, limits } => {
-                let path = names::tiles(path, names::TOTAL, direction);
-                let name = path.display().to_string();
-                let generation = self.manifest.cycle;
-                let place =
-                    Header { kind: FileKind::Tiles, generation, direction, ..header.clone() };
-                let bytes = chunk_of(&path, &place, ChunkKind::Total, limits);
-                let bytes = bytes.map_err(|e| match e {
-                    LookError::Format(e) => e,
-                    other => Fault::Missing(other.to_string()).in_file(&name),
-                })?;
-                let layout = Layout::check(&bytes, p.resolution, p.tile, surfaces, self.exponent)
-                    .map_err(|f| f.in_file(&name))?;
-                Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) })
-            }
-        }
+    /// A thread's own way to the maps, which remembers the last ones.
+    pub fn accessor(&self) -> Accessor<'_> {
+        Accessor::new(self)
     }
 
-    /// The bytes of a pack's map with every value in place.
-    fn filled(&self, direction: u32, map: &TileMap) -> Result<Vec<u8>, Fault> {
-        let LightField { scene, texels, total, .. } = self;
-        let line = self.directions.vector(DirectionId(direction));
-        let psf = Psf::new(line, self.manifest.parameters.resolution);
-        textured::filled(map, &psf, self.exponent, &Texture { scene, texels, total })
+    /// Bytes of decoded maps that are held.
+    pub fn memory(&self) -> u64 {
+        self.maps.bytes()
     }
 
     /// The directions whose maps were needed so far and found missing or damaged.
     pub fn damaged(&self) -> Vec<DirectionId> {
-        let is_damaged = |map: &OnceLock<_>| matches!(map.get(), Some(Err(_)));
-        let all = self.maps.iter().zip(0..);
-        all.filter(|(map, _)| is_damaged(map)).map(|(_, d)| DirectionId(d)).collect()
+        self.maps.damaged()
     }
 
     /// Radiance leaving the side of `surface` that faces `away` (a unit vector pointing from the
@@ -345,74 +267,7 @@ impl LightField {
         point: Vec3,
         away: Vec3,
     ) -> Result<Rgb, FormatError> {
-        let plane = self.scene.surface(surface);
-        let side = Side::facing(plane.normal.dot(away));
-        let normal = plane.normal * side.sign();
-        let material = self.scene.material_of(surface);
-        let mirror = material.reflectance.is_mirror();
-        let wanted = if mirror { mirrored(away, normal) } else { away };
-        let found = match mirror || !self.diffuse_left_out {
-            true => self.looked_up(surface, point, wanted, normal)?,
-            false => None,
-        };
-        Ok(match material.reflectance {
-            // Where no direction sees the surface (it is edge-on to all three, or smaller than a
-            // cell) its texture map still knows it.
-            Reflectance::Diffuse(_) => found.unwrap_or_else(|| {
-                texels::sample(&self.texels, &self.total, surface, plane, side, point)
-            }),
-            Reflectance::Mirror(factor) => {
-                let emitted = if side == Side::Front { material.emitted } else { Rgb::BLACK };
-                let arrived = match found {
-                    Some(arrived) => arrived,
-                    None => self.looked_up_nearby(surface, point, wanted, normal)?,
-                };
-                arrived * factor + emitted
-            }
-        })
-    }
-
-    /// Interpolated between the three directions around `wanted`; `None` when the surface covers no
-    /// cell near the point in any of them.
-    fn looked_up(
-        &self,
-        surface: SurfaceId,
-        point: Vec3,
-        wanted: Vec3,
-        normal: Vec3,
-    ) -> Result<Option<Rgb>, FormatError> {
-        let resolution = self.manifest.parameters.resolution;
-        let around = Around::new(&self.directions, resolution, wanted, normal);
-        let mut maps = [None; 3];
-        for (map, near) in maps.iter_mut().zip(&around.near) {
-            if near.weight > 0.0 {
-                *map = Some(self.map(near.direction.0)?);
-            }
-        }
-        Ok(around.radiance(&maps, surface, point))
-    }
-
-    /// For mirrors thinner than a cell: the first that is found in ever wider circles of directions.
-    fn looked_up_nearby(
-        &self,
-        surface: SurfaceId,
-        point: Vec3,
-        wanted: Vec3,
-        normal: Vec3,
-    ) -> Result<Rgb, FormatError> {
-        let spacing = 2.5 / (self.directions.len() as f32).sqrt();
-        let (a, b) = wanted.any_orthonormal_pair();
-        for circle in 1..=CIRCLES {
-            for k in 0..8 {
-                let (sin, cos) = (k as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
-                let aside = (a * cos + b * sin) * (spacing * circle as f32);
-                let nearby = (wanted + aside).normalize();
-                if let Some(found) = self.looked_up(surface, point, nearby, normal)? {
-                    return Ok(found);
-                }
-            }
-        }
-        Ok(Rgb::BLACK)
+        self.accessor().radiance(surface, point, away)
     }
 }
 

@@ -1,7 +1,7 @@
 //! The two methods of section 6, ready to take pictures of an opened field.
 
 use super::raytrace::Raytrace;
-use super::{Options, render};
+use super::{Looker, Options, render, render_with};
 use crate::format::FormatError;
 use crate::look::image::Picture;
 use crate::look::lightfield::LightField;
@@ -85,13 +85,17 @@ fn taken(
             render(scene, visible, camera, options, &radiance, progress)
         }
         Method::Field => {
-            let radiance = |dir: Vec3, hit: &Hit| {
-                field.radiance(hit.surface, hit.point, -dir).unwrap_or_else(|e| {
-                    failure.get_or_init(|| e);
-                    Rgb::splat(f32::NAN)
+            let looker = || -> Looker {
+                let mut accessor = field.accessor();
+                let failure = &failure;
+                Box::new(move |dir, hit| {
+                    accessor.radiance(hit.surface, hit.point, -dir).unwrap_or_else(|e| {
+                        failure.get_or_init(|| e);
+                        Rgb::splat(f32::NAN)
+                    })
                 })
             };
-            render(scene, visible, camera, options, &radiance, progress)
+            render_with(scene, visible, camera, options, &looker, progress)
         }
     };
     (picture, failure.into_inner())
