@@ -257,7 +257,41 @@ impl LightField {
     /// surface), at a point of its plane, in the fitted scene's units; W sr^-1 m^-2.
     ///
     /// For a mirror the field holds what arrives at it: the radiance from the mirrored direction is
-    /// looked up and multiplied by the reflectance.
+    /// looked up and multiplied by the reflectance. Whoever looks often asks an [`Accessor`].
+    ///
+    /// ```
+    /// use std::sync::atomic::AtomicBool;
+    /// use vlf::{Codec, LightField, Parameters, Scene};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # let folder = tempfile::tempdir()?;
+    /// # let (baked, file) = (folder.path().join("room.field"), folder.path().join("room.vlf"));
+    /// # let (scene, _) = Scene::bundled("cornell")?;
+    /// # let small = Parameters { directions: 33, resolution: 16, tile: 8, ..Parameters::default() };
+    /// # let parameters = Parameters { cycles: Some(2), ..small };
+    /// # let options = vlf::bake::Options {
+    /// #     memory: 256 << 20,
+    /// #     threads: 1,
+    /// #     stop: &AtomicBool::new(false),
+    /// #     progress: &|_| (),
+    /// #     order: None,
+    /// #     commit_every: 5.0,
+    /// #     terms: vlf::field::Terms::default(),
+    /// #     force: false,
+    /// # };
+    /// # vlf::bake(&scene, &parameters, &baked, &options)?;
+    /// # vlf::pack(&baked, &file, Codec::Planes, &|_| ())?;
+    /// let light = LightField::open(&file)?;
+    /// // What the lamp sends straight from its middle.
+    /// let lamp = light.scene.surface_ids().find(|id| light.scene.material_of(*id).emitted.max() > 0.0);
+    /// let lamp = lamp.ok_or("a room without a lamp")?;
+    /// let surface = light.scene.surface(lamp);
+    /// let middle = surface.origin + surface.u * (surface.extent.x / 2.0) + surface.v * (surface.extent.y / 2.0);
+    /// let radiance = light.radiance(lamp, middle, surface.normal)?;
+    /// assert!(radiance.max() >= 0.999 * light.scene.material_of(lamp).emitted.max());
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// When a direction's map is missing or damaged.

@@ -22,6 +22,28 @@ pub enum Method {
     Trace,
 }
 
+/// Radiance that comes back against the unit direction `dir` from what it has hit, W sr^-1 m^-2.
+///
+/// # Errors
+/// When a map of the field that is needed is missing or damaged.
+pub fn look_along(
+    field: &LightField,
+    visible: &Visible,
+    method: Method,
+    dir: Vec3,
+    hit: &Hit,
+) -> Result<Rgb, FormatError> {
+    match method {
+        Method::Trace => Ok(tracing(field, visible).radiance(dir, hit)),
+        Method::Field => field.radiance(hit.surface, hit.point, -dir),
+    }
+}
+
+fn tracing<'a>(field: &'a LightField, visible: &'a Visible) -> Raytrace<'a> {
+    let paths = Paths { scene: &field.scene, visible, max_depth: MAX_DEPTH };
+    Raytrace { paths, texels: &field.texels, values: &field.total }
+}
+
 /// Takes a picture of an opened field; see [`render`].
 ///
 /// # Errors
@@ -79,8 +101,7 @@ fn taken(
     let failure = OnceLock::new();
     let picture = match method {
         Method::Trace => {
-            let paths = Paths { scene, visible, max_depth: MAX_DEPTH };
-            let trace = Raytrace { paths, texels: &field.texels, values: &field.total };
+            let trace = tracing(field, visible);
             let radiance = |dir: Vec3, hit: &Hit| trace.radiance(dir, hit);
             render(scene, visible, camera, options, &radiance, progress)
         }
