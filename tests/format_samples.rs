@@ -22,7 +22,7 @@ use vlf::format::container::{
 };
 use vlf::format::limits::Limits;
 use vlf::format::manifest::{Manifest, Phase, Statistics, record_from_bytes};
-use vlf::format::tiles::{Layout, TileMap};
+use vlf::format::tiles::{Layout, TileMap, to_planes};
 use vlf::format::{Fault, FormatError};
 use vlf::look::lightfield::LookError;
 use vlf::pack::{Diffuse, Options as PackOptions};
@@ -534,8 +534,15 @@ fn write_seeds() {
                 ChunkKind::Unshot | ChunkKind::Arrived | ChunkKind::Total => "tile",
                 _ => continue,
             };
-            fs::create_dir_all(seeds.join(target)).unwrap();
-            fs::write(seeds.join(target).join(format!("{name}-{place}")), bytes).unwrap();
+            let write = |target: &str, bytes: &[u8]| {
+                fs::create_dir_all(seeds.join(target)).unwrap();
+                fs::write(seeds.join(target).join(format!("{name}-{place}")), bytes).unwrap();
+            };
+            write(target, &bytes);
+            if target == "tile" && name != "raw.vlf" {
+                let layout = Layout::check(&bytes, 8, 4, 3, 0).unwrap();
+                write("planes", &to_planes(&TileMap::new(&bytes, &layout)));
+            }
         }
     }
 }
