@@ -56,12 +56,19 @@ impl Slot<'_> {
 
     /// Bits of the value of each covered cell, in order, of slots that are not textured.
     pub fn values(&self) -> impl Iterator<Item = [u16; 3]> {
+        const BLACK: [u8; 6] = [0; 6];
+        let (values, step) = match self.state {
+            DATA => (self.rgb.as_chunks().0, 1),
+            CONSTANT => (self.rgb.as_chunks().0, 0),
+            _ => (std::slice::from_ref(&BLACK), 0),
+        };
         let cells = self.covered_count() as usize;
-        (0..cells).map(|rank| match self.state {
-            DATA => [0, 1, 2].map(|c| u16_at(self.rgb, 3 * rank + c)),
-            CONSTANT => [0, 1, 2].map(|c| u16_at(self.rgb, c)),
-            _ => [0; 3],
-        })
+        (0..cells).map(move |rank| [0, 1, 2].map(|c| u16_at(&values[step * rank], c)))
+    }
+
+    /// Whether another slot of the same cells has the same values, stored alike.
+    pub fn is_stored_alike(&self, other: &Slot) -> bool {
+        (self.state, self.rgb) == (other.state, other.rgb)
     }
 
     /// Appends the bits of its values as they are.
