@@ -17,7 +17,6 @@ use vlf::bake::transfer::{Fixed, Quantum, add};
 use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
 use vlf::field::storage::disk::Disk;
-use vlf::format::manifest::Grids;
 use vlf::format::tiles::{Layout, exponent_for, half_to_f32};
 use vlf::pack::{PackReport, pack_from};
 use vlf::scene::cuts::Cuts;
@@ -169,7 +168,8 @@ fn shoot_one_direction(bencher: Bencher) {
         current: &current,
         pages: None,
         paths: None,
-        grids: Grids { perturbations: 1, thinned: 0 },
+        grids: 0..1,
+        thinned: 0,
         few: None,
         sealed: &sealed,
     };

@@ -215,6 +215,7 @@ types:
             'chunk_kind::scene': scene
             'chunk_kind::total_textures': texture_map
             'chunk_kind::current_textures': texture_map
+            'chunk_kind::half_textures': texture_map
             'chunk_kind::sums': sums
             'chunk_kind::unshot_tiles': tile_map
             'chunk_kind::arrived_tiles': tile_map
@@ -284,6 +285,11 @@ types:
         valid:
           min: 'specular == specular::trace ? 1 : 0'
           max: 1
+      - id: target_error
+        type: f8
+        valid:
+          min: 0
+          max: 1
       - id: scene_hash
         size: 16
         doc: xxh3-128 of the scene chunk when decoded.
@@ -312,6 +318,24 @@ types:
         type: ledger
         repeat: expr
         repeat-expr: num_ledgers
+      - id: num_grids
+        type: u8
+      - id: grids
+        type: u4
+        repeat: expr
+        repeat-expr: num_grids
+      - id: relmse
+        type: f8
+      - id: noise
+        type: f8
+      - id: num_worst
+        type: u8
+        valid:
+          max: 64
+      - id: worst
+        type: surface_error
+        repeat: expr
+        repeat-expr: num_worst
       - id: seconds
         type: f8
       - id: fragments
@@ -354,13 +378,22 @@ types:
         doc: The record ends with the chunk.
     instances:
       len_identity:
-        value: 75 + 4 * has_cycles + 4 * num_perturbations
+        value: 83 + 4 * has_cycles + 4 * num_perturbations
       identity_bytes:
         pos: 0
         size: len_identity
         doc: Up to and with `scene_hash`. Their xxh3-128 is the field's identity.
         doc-ref: README.md#first-block
     types:
+      surface_error:
+        doc: The error of a surface.
+        seq:
+          - id: surface
+            type: u4
+          - id: relmse
+            type: f8
+          - id: part
+            type: f8
       ledger:
         doc: Where a cycle's power went, in W.
         seq:
@@ -630,7 +663,7 @@ types:
       - id: values
         type: value
         repeat: eos
-        doc: As many as a texture map has.
+        doc: As many as a texture map has for one half of the lines, then for the other.
     types:
       i128:
         seq:
@@ -666,6 +699,7 @@ enums:
     6: unshot_tiles
     7: arrived_tiles
     8: total_tiles
+    9: half_textures
   codec:
     0: raw
     1: zstd

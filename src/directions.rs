@@ -153,6 +153,14 @@ impl Directions {
         x % step == 0 && y % step == 0
     }
 
+    /// 0 or 1: lines that are neighbours along rows or columns of the lattice, or of the one that is
+    /// coarser by so many halvings, have different ones, as the fields of a chessboard.
+    pub fn colour(&self, id: DirectionId, halvings: u32) -> u32 {
+        let (x, y) = self.places[id.index()];
+        let halvings = halvings.min(self.most_halvings());
+        ((x >> halvings) + (y >> halvings)).rem_euclid(2) as u32
+    }
+
     /// How often the steps can be doubled.
     pub fn most_halvings(&self) -> u32 {
         self.steps.ilog2()

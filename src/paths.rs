@@ -14,6 +14,13 @@ use glam::Vec3;
 /// The default bound on mirrors in one path.
 pub const MAX_DEPTH: u32 = 64;
 
+/// The most mirrors that a glance along a path goes through.
+const GLANCES: u32 = 4;
+
+/// A path that meets more backs of mirrors than this, one after the other, is inside a solid and given
+/// up: such a path would go on for ever, and what it would find is dark.
+const BACKS: u32 = 6;
+
 /// A path that would carry less than this part of what it finds is given up.
 const LEAST_THROUGHPUT: f32 = 1e-4;
 
@@ -32,6 +39,27 @@ pub struct Paths<'a> {
 }
 
 impl Paths<'_> {
+    /// Whether a hit may send anything against the direction `dir` in which it was met: whether its path
+    /// meets a surface and side that `lit` says yes of, or more mirrors than are worth following.
+    pub fn may_send(&self, mut dir: Vec3, hit: &Hit, lit: impl Fn(&Hit) -> bool) -> bool {
+        let mut hit = *hit;
+        for _ in 0..GLANCES {
+            if lit(&hit) {
+                return true;
+            }
+            let surface = self.scene.surface(hit.surface);
+            if !self.scene.material_of(hit.surface).reflectance.is_mirror() {
+                return false;
+            }
+            let (origin, reflected) = reflect(dir, &hit, surface.normal);
+            match self.visible.nearest_but(origin, reflected, 0.0, Some(hit.surface)) {
+                Some(next) => (hit, dir) = (next, reflected),
+                None => return false,
+            }
+        }
+        true
+    }
+
     /// Radiance from a hit against the unit direction `dir` in which it was met, W sr^-1 m^-2.
     /// `emit` says whether mirrors' own emission counts; `diffuse` gives what a diffuse surface sends.
     pub fn radiance(
@@ -44,6 +72,7 @@ impl Paths<'_> {
         let mut hit = *hit;
         let mut carried = Rgb::splat(1.0);
         let mut found = Rgb::BLACK;
+        let mut backs = 0;
         for _ in 0..=self.max_depth {
             let material = self.scene.material_of(hit.surface);
             let factor = match material.reflectance {
@@ -53,8 +82,9 @@ impl Paths<'_> {
             if emit && hit.side == Side::Front {
                 found += carried * material.emitted;
             }
+            backs = if hit.side == Side::Back { backs + 1 } else { 0 };
             carried = carried * factor;
-            if carried.max() < LEAST_THROUGHPUT {
+            if carried.max() < LEAST_THROUGHPUT || backs > BACKS {
                 break;
             }
             let (origin, reflected) = reflect(dir, &hit, self.scene.surface(hit.surface).normal);

@@ -340,6 +340,7 @@ fn parameters() -> Parameters {
         transfer: Transfer::Sample,
         specular: Specular::Maps,
         resample: false,
+        target_error: 0.0,
     }
 }
 
@@ -588,7 +589,7 @@ fn sound_samples_say_what_is_expected() {
         texels::from_bytes(&bytes, 2 * layout.len()).unwrap();
     }
     let sums = &contents(&kept["sums"]).1[0].1;
-    assert_eq!(sums.len(), 10 * 16 + 2 * layout.len() * 32);
+    assert_eq!(sums.len(), 10 * 16 + 2 * 2 * layout.len() * 32);
     for name in ["unshot.tiles", "total.tiles"] {
         for (_, bytes) in contents(&kept[name]).1 {
             Layout::check(&bytes, 8, 4, header.surfaces, header.exponent).unwrap();
@@ -790,7 +791,7 @@ fn the_record_is_as_specified() {
         assert_eq!((r.u32(), r.u32()), (p.perturbations[0], p.thinned));
         assert_eq!((r.f64(), r.u32(), r.u8()), (p.texel_cells, p.filter, 0));
         assert_eq!((r.u32(), r.u32()), (p.transfer as u32, p.specular as u32));
-        assert_eq!(r.u8(), 0);
+        assert_eq!((r.u8(), r.f64()), (0, p.target_error));
         assert_eq!(r.take(16), manifest.scene_hash);
         assert_eq!(r.u32(), manifest.phase as u32);
         assert_eq!(r.u32(), manifest.cycle);
@@ -805,6 +806,14 @@ fn the_record_is_as_specified() {
             for value in in_out.into_iter().chain(rest) {
                 assert_eq!(r.f64(), value);
             }
+        }
+        assert_eq!(r.u64(), manifest.grids.len() as u64);
+        manifest.grids.iter().for_each(|grids| assert_eq!(r.u32(), *grids));
+        let e = &manifest.error;
+        assert_eq!([r.f64(), r.f64()], [e.relmse, e.noise]);
+        assert_eq!(r.u64(), e.worst.len() as u64);
+        for s in &e.worst {
+            assert_eq!((r.u32(), [r.f64(), r.f64()]), (s.surface, [s.relmse, s.part]));
         }
         let s = &manifest.statistics;
         assert_eq!(r.f64(), s.seconds);

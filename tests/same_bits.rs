@@ -88,6 +88,37 @@ fn a_clipped_field_has_the_same_bits_for_any_order_threads_and_stops() {
     assert!(plain.1 == other.1, "another pack");
 }
 
+/// Whether a cycle has lines enough is decided from sums that are the same for any order, and a run that
+/// goes on with a round under way decides as the one that began it.
+#[test]
+fn cycles_that_end_by_their_error_end_alike_for_any_order_threads_and_stops() {
+    let (scene, parameters) = room();
+    for (way, parameters) in both_ways(&parameters) {
+        let parameters = Parameters { perturbations: vec![16, 8], target_error: 0.1, ..parameters };
+        let plain = Baked::with(&scene, &parameters, &How { threads: 1, ..How::default() });
+        let grids = plain.manifest().grids;
+        assert!(grids.iter().any(|n| (2..16).contains(n)), "{way}: {grids:?} are no rounds");
+        let mut dice = Dice(17);
+        let folder = tempfile::TempDir::new().unwrap();
+        let path = folder.path().join("test.field");
+        let mut stops = 0;
+        loop {
+            let order = Some(dice.shuffled(129));
+            let how = How { order, threads: 3, commit_every: 0.0, ..How::default() };
+            match bake_to(&path, &scene, &parameters, &How { stop_after: Some(50), ..how }) {
+                Outcome::Finished => break,
+                Outcome::Stopped => stops += 1,
+            }
+        }
+        assert!(stops >= 4, "{way}: stopped only {stops} times");
+        let manifest = read_manifest(&Disk::new(&path)).unwrap().1;
+        assert_eq!((manifest.grids, manifest.error), (grids, plain.manifest().error), "{way}");
+        let (plain, other) = (bits(&plain.path), bits(&path));
+        assert_eq!(plain.0, other.0, "{way}: another digest");
+        assert!(plain.1 == other.1, "{way}: another pack");
+    }
+}
+
 #[test]
 fn other_parameters_give_other_bits() {
     let (scene, parameters) = room();

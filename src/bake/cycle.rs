@@ -5,6 +5,7 @@
 //! hold, and any interruption costs at most the time since the last commit.
 
 use super::ahead::{Wanted, ahead};
+use super::estimate::{Totals, estimate, grids_of_half, is_enough};
 use super::layers::Outlines;
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::memory::Need;
@@ -22,7 +23,7 @@ use crate::field::{Field, FieldError};
 use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
 use crate::format::container::{ChunkKind, FileKind, NO_DIRECTION};
-use crate::format::manifest::{CycleLedger, Grids, Parameters, Phase};
+use crate::format::manifest::{CycleLedger, ErrorEstimate, Grids, Parameters, Phase};
 use crate::format::names;
 use crate::ids::DirectionId;
 use crate::paths::{MAX_DEPTH, Paths};
@@ -31,6 +32,7 @@ use crate::scene::Scene;
 use crate::scene::areas::areas;
 use crate::scene::texels::Texels;
 use crate::visible::Visible;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -72,6 +74,19 @@ const WINDOWED: f64 = 0.25;
 
 /// Senders are few when they have less than this part of all area.
 const FEW: f64 = 0.25;
+
+/// Rounds of a cycle after which it may have lines enough.
+const ROUNDS: u32 = 8;
+
+/// What the lines of a cycle have brought.
+struct Brought {
+    /// Next Texture Maps, of all lines.
+    next: Vec<Rgb>,
+    /// The same of half of them.
+    half: Vec<Rgb>,
+    /// Area of each value that looks at anything, in the fitted scene's units squared.
+    open: Vec<f64>,
+}
 
 /// What ended a loop over directions.
 enum Walk {
@@ -203,7 +218,7 @@ impl<'a> Bake<'a> {
         if self.field.manifest().has_sums {
             tally = self.read_sums(&mut lock(&workers[0]).sums)?;
         }
-        let grids = self.parameters.grids(cycle);
+        self.field.manifest_mut().grids.resize(cycle as usize + 1, 0);
         let stores_mirrors = self.shared().stores_mirrors();
         let folder = names::generation(cycle + 1);
         if stores_mirrors && !self.all_done() {
@@ -215,14 +230,15 @@ impl<'a> Bake<'a> {
         let senders = self.few_senders(cycle);
         let lamps = senders.as_ref().and_then(|senders| self.only(senders));
         self.begin_step();
-        while !self.all_done() {
+        while !self.is_over(&workers[0], senders.is_some())? {
             let shared = self.shared();
             let what = Cycle {
                 number: cycle,
                 current: &current,
                 pages: pages.as_ref(),
                 paths: self.paths().filter(|_| !stores_mirrors),
-                grids,
+                grids: self.round(cycle),
+                thinned: self.parameters.grids(cycle).thinned,
                 few: senders
                     .as_deref()
                     .map(|senders| Few { senders, paths: self.paths_in(lamps.as_ref()) }),
@@ -251,13 +267,14 @@ impl<'a> Bake<'a> {
         }
         drop(current);
         self.spare = pages.map(Pages::into_spare).unwrap_or_default();
-        self.end_step(self.grids(cycle));
+        self.end_step(self.work_of(cycle, self.round(cycle)));
         let sums = workers
             .into_iter()
             .next()
             .map(|w| w.into_inner().unwrap_or_else(PoisonError::into_inner));
-        let sums = sums.map(|s| s.sums).unwrap_or_default();
-        self.end_cycle(cycle, &sums[..2 * self.texels.len()], &tally, senders.is_some())?;
+        let mut sums = sums.map(|s| s.sums).unwrap_or_default();
+        sums.iter_mut().for_each(|half| half.truncate(2 * self.texels.len()));
+        self.end_cycle(cycle, &mut sums, &tally, senders.is_some())?;
         Ok(Walk::Done)
     }
 
@@ -302,10 +319,95 @@ impl<'a> Bake<'a> {
         follows.then(|| Visible::of(self.scene, |id| senders[id.index()]))
     }
 
-    /// What a direction takes in a cycle, in PSFs that are rasterised whole.
-    fn grids(&self, cycle: u32) -> f64 {
-        let all = self.parameters.grids(cycle).per_line();
-        if self.few_senders(cycle).is_some() { 1.0 + WINDOWED * (all - 1.0) } else { all }
+    /// What some PSFs of a direction take in a cycle, in such that are rasterised whole.
+    fn work_of(&self, cycle: u32, grids: Range<u32>) -> f64 {
+        let own = f64::from(u32::from(grids.start == 0));
+        let turned = grids.len() as f64 - own;
+        let turned = turned * if self.few_senders(cycle).is_some() { WINDOWED } else { 1.0 };
+        let part = Grids { perturbations: 1, ..self.parameters.grids(cycle) }.per_line();
+        (own + turned) * part
+    }
+
+    /// The PSFs of each direction in the round under way: all of a cycle, unless an error is aimed at.
+    fn round(&self, cycle: u32) -> Range<u32> {
+        let before = self.field.manifest().grids.get(cycle as usize).copied().unwrap_or(0);
+        let most = self.parameters.grids(cycle).perturbations;
+        match self.parameters.target_error > 0.0 {
+            true => before..(before + most.div_ceil(ROUNDS)).min(most),
+            false => before..most,
+        }
+    }
+
+    /// Whether a cycle has all its lines. Where the round under way has ended and these are not enough,
+    /// the next one begins.
+    fn is_over(&mut self, own: &Mutex<Scratch>, few_send: bool) -> Result<bool, BakeError> {
+        if !self.all_done() {
+            return Ok(false);
+        }
+        let cycle = self.field.manifest().cycle;
+        let round = self.round(cycle);
+        if round.end == self.parameters.grids(cycle).perturbations {
+            return Ok(true);
+        }
+        let sums = &mut lock(own).sums;
+        let [half, all] = sums;
+        add_sums(all, half, 1);
+        let brought = self.brought([half, all], round.end, few_send);
+        add_sums(all, half, -1);
+        let (total, half) = self.totals_with(&brought)?;
+        let error = self.error(&brought.open, &total, &half);
+        if is_enough(&error, self.parameters.target_error, cycle) {
+            return Ok(true);
+        }
+        self.end_step(self.work_of(cycle, round.clone()));
+        let manifest = self.field.manifest_mut();
+        manifest.done.fill(0);
+        manifest.grids[cycle as usize] = round.end;
+        self.begin_step();
+        Ok(false)
+    }
+
+    /// What the lines of a cycle have brought: from the sums of half of them and of all, each direction
+    /// standing for so many PSFs.
+    fn brought(&self, [half, all]: [&[Fixed]; 2], grids: u32, few_send: bool) -> Brought {
+        let thinned = self.parameters.grids(self.field.manifest().cycle).thinned;
+        // A whole texel meets lines in proportion to its projected area: pi sr in all.
+        let cell = f64::from(2.0 / self.parameters.resolution as f32).powi(2);
+        let lines = std::f64::consts::PI / (self.share(thinned) * cell);
+        let repeats = f64::from(grids);
+        // Of few senders, only the lines of the unperturbed PSFs are counted.
+        let values = 2 * self.texels.len();
+        let counted = lines * if few_send { 1.0 } else { repeats };
+        let open = open_areas(&self.areas, &all[..values], counted);
+        let next = |sums: &[Fixed], repeats: f64| {
+            let struck = |value: usize| match few_send {
+                true => repeats * lines * open[value],
+                false => transfer::lines(&sums[value]),
+            };
+            let how = (self.parameters.filter, self.parameters.one_sided);
+            let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
+            next_textures(self.scene, self.texels, (sums, self.quantum), lines, how)
+        };
+        let half = next(half, grids_of_half(self.directions, thinned, grids));
+        Brought { next: next(all, repeats), half, open }
+    }
+
+    /// Solid angle of a share of the lines of a cycle, sr.
+    fn share(&self, thinned: u32) -> f64 {
+        self.directions.share() * 4f64.powi(thinned as i32)
+    }
+
+    fn error(&self, open: &[f64], all: &[Rgb], half: &[Rgb]) -> ErrorEstimate {
+        estimate(self.scene, self.texels, open, Totals { all, half })
+    }
+
+    /// The total texture maps, of all lines and of half of them, with what a cycle has brought.
+    fn totals_with(&self, brought: &Brought) -> Result<(Vec<Rgb>, Vec<Rgb>), FieldError> {
+        let mut total = self.texture(ChunkKind::TotalTexture)?;
+        let mut half = self.texture(ChunkKind::HalfTexture)?;
+        total.iter_mut().zip(&brought.next).for_each(|(t, n)| *t += *n);
+        half.iter_mut().zip(&brought.half).for_each(|(t, n)| *t += *n);
+        Ok((total, half))
     }
 
     fn all_done(&self) -> bool {
@@ -375,13 +477,18 @@ impl<'a> Bake<'a> {
         let unshot = unshot_fractions(&manifest.ledger);
         let lines = f64::from(self.parameters.directions);
         let inside = f64::from(done) / lines;
-        let grids =
-            |cycles: std::ops::Range<u32>| lines * cycles.map(|c| self.grids(c)).sum::<f64>();
         let cycle = manifest.cycle;
+        let grids = |cycles: Range<u32>| -> f64 {
+            cycles.map(|c| lines * self.work_of(c, 0..self.parameters.grids(c).perturbations)).sum()
+        };
         let (own, later) = match manifest.phase {
             Phase::Propagating => {
                 let end = self.expected_cycles(&unshot).max(cycle + 1);
-                (grids(cycle..cycle + 1), grids(cycle + 1..end) + TOTALS * lines)
+                let round = self.round(cycle);
+                let most = self.parameters.grids(cycle).perturbations;
+                let rest = lines * self.work_of(cycle, round.end..most);
+                let later = rest + grids(cycle + 1..end) + TOTALS * lines;
+                (lines * self.work_of(cycle, round), later)
             }
             _ => (TOTALS * lines, 0.0),
         };
@@ -441,12 +548,13 @@ impl<'a> Bake<'a> {
     }
 
     /// Commits the sums of a cycle under way.
-    fn checkpoint(&mut self, sums: &[Fixed], tally: &Tally) -> Result<(), BakeError> {
-        let sums = &sums[..2 * self.texels.len()];
+    fn checkpoint(&mut self, sums: &[Vec<Fixed>; 2], tally: &Tally) -> Result<(), BakeError> {
+        let values = 2 * self.texels.len();
         let mut head = Writer::default();
         tally.write(&mut head);
-        let length = (head.0.len() + size_of_val(sums)) as u64;
-        let blocks = sums.chunks(BLOCK / size_of::<Fixed>()).map(|part| {
+        let length = (head.0.len() + 2 * values * size_of::<Fixed>()) as u64;
+        let parts = sums.iter().flat_map(|s| s[..values].chunks(BLOCK / size_of::<Fixed>()));
+        let blocks = parts.map(|part| {
             let mut w = Writer(Vec::with_capacity(size_of_val(part)));
             part.iter().flatten().for_each(|v| w.i64(*v));
             w.0
@@ -459,9 +567,10 @@ impl<'a> Bake<'a> {
     }
 
     /// Reads the committed sums; returns the tally that belongs to them.
-    fn read_sums(&self, sums: &mut [Fixed]) -> Result<Tally, FieldError> {
-        let sums = &mut sums[..2 * self.texels.len()];
-        let count = size_of_val(sums) / 8;
+    fn read_sums(&self, sums: &mut [Vec<Fixed>; 2]) -> Result<Tally, FieldError> {
+        // Numbers of each half, four a value.
+        let each = 8 * self.texels.len();
+        let count = 2 * each;
         let (mut tally, mut rest, mut at) = (None, Vec::new(), 0);
         self.field.read_sums(|block| {
             rest.extend_from_slice(block);
@@ -470,7 +579,7 @@ impl<'a> Bake<'a> {
                 tally = Some(Tally::read(&mut r)?);
             }
             while r.left() >= 8 && at < count {
-                sums[at / 4][at % 4] = r.i64()?;
+                sums[at / each][at % each / 4][at % 4] = r.i64()?;
                 at += 1;
             }
             let used = rest.len() - r.left();
@@ -487,41 +596,30 @@ impl<'a> Bake<'a> {
     fn end_cycle(
         &mut self,
         cycle: u32,
-        sums: &[Fixed],
+        sums: &mut [Vec<Fixed>; 2],
         tally: &Tally,
         few_send: bool,
     ) -> Result<(), BakeError> {
-        let Grids { perturbations, thinned } = self.parameters.grids(cycle);
+        let grids = self.round(cycle).end;
+        let [half, sums] = sums;
+        add_sums(sums, half, 1);
         let units = Units {
             quantum: self.quantum,
-            share: self.directions.share() * 4f64.powi(thinned as i32),
+            share: self.share(self.parameters.grids(cycle).thinned),
             cell: f64::from(2.0 / self.parameters.resolution as f32).powi(2)
                 * self.scene.fit.radius.powi(2),
-            perturbations,
+            perturbations: grids,
             relays: !self.parameters.stores_mirrors(),
         };
-        // A whole texel meets lines in proportion to its projected area: pi sr in all.
-        let cell = f64::from(2.0 / self.parameters.resolution as f32).powi(2);
-        let lines = std::f64::consts::PI / (units.share * cell);
-        // Of few senders, only the lines of the unperturbed PSFs are counted.
-        let repeats = f64::from(perturbations);
-        let counted = lines * if few_send { 1.0 } else { repeats };
-        let mut open = open_areas(&self.areas, sums, counted);
-        let struck = |value: usize| match few_send {
-            true => repeats * lines * open[value],
-            false => transfer::lines(&sums[value]),
-        };
-        let how = (self.parameters.filter, self.parameters.one_sided);
-        let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
-        let next = next_textures(self.scene, self.texels, (sums, self.quantum), lines, how);
-        if let Some(at) = next.iter().position(|v| !v.is_physical()) {
+        let brought = self.brought([half, sums], grids, few_send);
+        let is_odd = |v: &Rgb| !v.is_physical();
+        if let Some(at) = brought.next.iter().position(is_odd) {
             let surface = self.texels.surface_of[at / 2];
             return Err(BakeError::Radiance { cycle, surface });
         }
 
         let scale = self.scene.fit.radius.powi(2);
-        open.iter_mut().for_each(|a| *a *= scale);
-        let diffuse_out = texture_power(&next, &open);
+        let diffuse_out = scale * texture_power(&brought.next, &brought.open);
         let one_sided = self.parameters.one_sided;
         let factors: Vec<Rgb> =
             self.scene.surface_ids().map(|id| diffuse_factor(self.scene, id)).collect();
@@ -540,12 +638,14 @@ impl<'a> Bake<'a> {
             return Err(BakeError::Ledger { cycle, residual: ledger.residual() });
         }
 
-        let mut total = self.texture(ChunkKind::TotalTexture)?;
-        total.iter_mut().zip(&next).for_each(|(t, n)| *t += *n);
-        self.field.write_textures(cycle + 1, &total, &next)?;
+        let (total, half) = self.totals_with(&brought)?;
+        let error = self.error(&brought.open, &total, &half);
+        self.field.write_textures(cycle + 1, &total, &brought.next, &half)?;
         self.count_seconds();
         let manifest = self.field.manifest_mut();
         manifest.ledger.push(ledger);
+        manifest.grids[cycle as usize] = grids;
+        manifest.error = error;
         count_run(&mut manifest.statistics, tally);
         manifest.cycle = cycle + 1;
         manifest.done.fill(0);
@@ -661,13 +761,21 @@ fn lock<T>(worker: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     worker.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Adds some sums to others, `times` over.
+fn add_sums(to: &mut [Fixed], sums: &[Fixed], times: i64) {
+    for (to, own) in to.iter_mut().zip(sums) {
+        (0..4).for_each(|k| to[k] += times * own[k]);
+    }
+}
+
 /// Adds the workers' sums to the first's, empties them, and adds their tallies.
 fn gather_sums(workers: &[Mutex<Scratch>], tally: &mut Tally) {
     let Some((first, others)) = workers.split_first() else { return };
     let mut first = lock(first);
     for other in others {
         let mut other = lock(other);
-        for (total, own) in first.sums.iter_mut().zip(&mut other.sums) {
+        let totals = first.sums.iter_mut().flatten();
+        for (total, own) in totals.zip(other.sums.iter_mut().flatten()) {
             for (t, o) in total.iter_mut().zip(own.iter_mut()) {
                 *t += std::mem::take(o);
             }

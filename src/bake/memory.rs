@@ -11,6 +11,7 @@ use super::reach::Sealed;
 use super::step::{Scratch, Shared};
 use super::transfer::clip::Clip;
 use crate::field::writer::{WAITING, WRITERS};
+use crate::format::limits::WORST;
 use crate::format::manifest::Transfer;
 use crate::ids::DirectionId;
 use crate::psf::Psf;
@@ -26,10 +27,10 @@ const A_CORNER: u64 = 256;
 const A_BLOCK: u64 = 4096;
 
 /// Bytes of a commit record without its bit a direction and its ledgers.
-const RECORD: u64 = 1024;
+const RECORD: u64 = 1024 + 20 * WORST as u64;
 
-/// Bytes of a cycle's ledger in a commit record.
-const A_LEDGER: u64 = 80;
+/// Bytes of a cycle's ledger and its number of grids in a commit record.
+const A_LEDGER: u64 = 84;
 
 /// Directions that are looked at before a bake begins.
 const LOOKS: u32 = 24;
@@ -139,6 +140,12 @@ fn corners(scene: &Scene) -> u64 {
     polygons.map(|p| p.vertices.len() as u64).sum()
 }
 
+/// Bytes for each texture value while light is propagated: what is shot, every worker's sums of both
+/// halves, and when a cycle ends the total and next maps of all lines and of half of them, and areas.
+pub fn texture_bytes(threads: u64) -> u64 {
+    32 + 2 * 32 * threads + 4 * 12 + 8
+}
+
 /// Bytes that a bake needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Need {
@@ -175,7 +182,7 @@ impl Need {
             layers + clip + 6 * extent.mirror_map + extent.excerpts + mirrors * Scratch::A_MIRROR;
         let waiting = (WAITING + WRITERS) as u64;
         let propagating = scene
-            + values * 32 * (1 + threads)
+            + values * texture_bytes(threads)
             + threads * scratch
             + waiting * 2 * extent.mirror_map;
         let totals = scene
@@ -187,7 +194,7 @@ impl Need {
         let cycles = u64::from(shared.parameters.cycles.unwrap_or(MOST_CYCLES));
         let record = (RECORD + directions / 8 + A_LEDGER * cycles).next_multiple_of(A_BLOCK);
         // Sums take more than the texture maps that come in their place at the end of a cycle.
-        let sums = (values * 32 + 2 * A_BLOCK).next_multiple_of(A_BLOCK);
+        let sums = (values * 64 + 2 * A_BLOCK).next_multiple_of(A_BLOCK);
         Need {
             fixed: [propagating, totals],
             least_pages: 2 * threads * extent.mirror_map,

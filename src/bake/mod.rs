@@ -3,6 +3,7 @@
 //! In: a [`Scene`] and [`Parameters`]. Out: a field directory. The stages, in the data's order:
 //! [`homes`] (which texel a point belongs to), [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels), [`reach`] (where no light can come),
 //! [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
+//! [`estimate`] (how wrong it is),
 //! [`totals`] (the last sweep), [`mend`] (what of it went bad since).
 
 pub mod homes;
@@ -20,6 +21,8 @@ pub mod reach;
 pub mod transfer;
 
 pub mod ledger;
+
+pub mod estimate;
 
 pub mod step;
 
@@ -342,6 +345,9 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
         return bad(
             "--resample off: with --specular trace nothing is stored to take maps from".into()
         );
+    }
+    if !(0.0..=1.0).contains(&p.target_error) {
+        return bad(format!("--target-error {}: 0 to 1", p.target_error));
     }
     if p.filter > 64 {
         return bad(format!("--filter {}: 0 to 64", p.filter));

@@ -10,7 +10,7 @@ pub enum Quality {
     Draft,
     /// Soft shadows without bands that the eye finds.
     Preview,
-    /// As many lines as a reference picture deserves.
+    /// As many lines as pictures of a stated error need.
     Final,
 }
 
@@ -22,6 +22,14 @@ impl Quality {
             Quality::Draft => (vec![1], 0),
             Quality::Preview => (vec![8, 4, 2, 1], 1),
             Quality::Final => (vec![64, 16, 8, 4], 1),
+        }
+    }
+
+    /// The relMSE aimed at, of which [`Quality::perturbations`] are the bound then; 0: none.
+    pub fn target_error(self) -> f64 {
+        match self {
+            Quality::Draft | Quality::Preview => 0.0,
+            Quality::Final => 7e-4,
         }
     }
 }

@@ -66,6 +66,33 @@ struct Reach {
     parent: Vec<u32>,
     /// Values that were joined front to front.
     open: Vec<bool>,
+    /// For backs: what they see.
+    seen: Vec<Seen>,
+}
+
+/// What a back sees. A closed solid's inside sees no front; but where facets meet in an edge, rounding
+/// lets a line through now and then, and one such line must not light the inside.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    lines: u32,
+    fronts: u32,
+    /// The first front that it sees.
+    front: u32,
+}
+
+impl Seen {
+    const NOTHING: Seen = Seen { lines: 0, fronts: 0, front: u32::MAX };
+
+    fn add(&mut self, other: Seen) {
+        self.lines = self.lines.saturating_add(other.lines);
+        self.fronts = self.fronts.saturating_add(other.fronts);
+        self.front = self.front.min(other.front);
+    }
+
+    /// Whether fronts are more of what it sees than rounding makes them: a hundredth.
+    fn is_open(self) -> bool {
+        u64::from(self.fronts) * 100 >= u64::from(self.lines) && self.fronts > 0
+    }
 }
 
 /// Calls `visit` with the texture values that look at each other along the lines of a direction.
@@ -160,7 +187,11 @@ impl Sealed {
 impl Reach {
     /// Every value by itself.
     fn new(values: usize) -> Reach {
-        Reach { parent: (0..values as u32).collect(), open: vec![false; values] }
+        Reach {
+            parent: (0..values as u32).collect(),
+            open: vec![false; values],
+            seen: vec![Seen::NOTHING; values],
+        }
     }
 
     fn root(&mut self, mut value: u32) -> u32 {
@@ -182,16 +213,30 @@ impl Reach {
         for (value, parent) in other.parent.iter().enumerate() {
             self.join(value as u32, *parent);
             self.open[value] |= other.open[value];
+            self.seen[value].add(other.seen[value]);
         }
     }
 
     /// Joins the values that look at each other along the lines of a direction.
     fn sweep(&mut self, shared: &Shared, cut: &[bool], id: DirectionId, layers: &mut Layers) {
         pairs(shared, id, layers, |a, b| {
-            if !cut[a / 2] && !cut[b / 2] {
+            if cut[a / 2] || cut[b / 2] {
+                return;
+            }
+            // Even values are fronts.
+            let is_front = |value: usize| value % 2 == 0;
+            for (back, other) in [(a, b), (b, a)] {
+                if !is_front(back) {
+                    let (fronts, front) = match is_front(other) {
+                        true => (1, other as u32),
+                        false => (0, u32::MAX),
+                    };
+                    self.seen[back].add(Seen { lines: 1, fronts, front });
+                }
+            }
+            if is_front(a) == is_front(b) {
                 self.join(a as u32, b as u32);
-                // Even values are fronts.
-                self.open[a] |= a % 2 == 0 && b % 2 == 0;
+                self.open[a] |= is_front(a);
             }
         });
     }
@@ -199,6 +244,12 @@ impl Reach {
     /// The values that no light can come to.
     fn sealed(mut self, shared: &Shared, cut: &[bool]) -> Sealed {
         let values = self.parent.len();
+        for back in 0..values {
+            let seen = self.seen[back];
+            if seen.is_open() {
+                self.join(back as u32, seen.front);
+            }
+        }
         let roots: Vec<usize> = (0..values as u32).map(|v| self.root(v) as usize).collect();
         let surface_of = |value: usize| shared.texels.surface_of[value / 2] as usize;
         let mut lit = vec![false; values];

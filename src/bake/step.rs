@@ -4,6 +4,7 @@
 //! receivers (added to the worker's own), and the direction's tile maps of the next generation. A pure
 //! function of its inputs, so that a step may be done again, in any order, by any thread.
 
+use super::estimate::half_of;
 use super::exchange;
 use super::layers::{Fragment, Layers, Outlines, projections};
 use super::ledger::{Tally, channels};
@@ -16,7 +17,7 @@ use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::Pages;
 use crate::format::container::ChunkKind;
-use crate::format::manifest::{Grids, Parameters, Transfer};
+use crate::format::manifest::{Parameters, Transfer};
 use crate::format::tiles::{CoveredCell, TileMapWriter};
 use crate::ids::{Cell, DirectionId, Sense, Side, SurfaceId};
 use crate::paths::Paths;
@@ -26,6 +27,7 @@ use crate::scene::Scene;
 use crate::scene::texels::Texels;
 use crate::visible::Hit;
 use glam::Vec3;
+use std::ops::Range;
 
 /// What all steps of a bake share.
 pub struct Shared<'a> {
@@ -78,8 +80,10 @@ pub struct Cycle<'a> {
     pub pages: Option<&'a Pages>,
     /// Where mirrors' light is found by following its path; `None`: in their unshot maps.
     pub paths: Option<Paths<'a>>,
-    /// Its PSFs.
-    pub grids: Grids,
+    /// Which of the PSFs that each line stands for.
+    pub grids: Range<u32>,
+    /// Its lines are those of a lattice with steps `2^thinned` times as long.
+    pub thinned: u32,
     /// The surfaces that send, when these are few: perturbed PSFs have only the lines that meet one of
     /// them, and the lines are counted in the unperturbed ones alone.
     pub few: Option<Few<'a>>,
@@ -97,9 +101,9 @@ impl Cycle<'_> {
 /// A worker's own memory, reused from step to step.
 pub struct Scratch {
     layers: Layers,
-    /// Sums over lines, two a texel, and one for the space outside, which is taken into the tally tile
-    /// by tile.
-    pub sums: Vec<Fixed>,
+    /// Sums over the lines of each half, two a texel, and one for the space outside, which is taken
+    /// into the tally tile by tile; see [`half_of`](super::estimate::half_of).
+    pub sums: [Vec<Fixed>; 2],
     /// Sums for the ledger.
     pub tally: Tally,
     senders: Vec<Option<MirrorSender>>,
@@ -152,7 +156,7 @@ impl Scratch {
         let mirrors = texels.len() - texels.diffuse as usize;
         Scratch {
             layers: Layers::default(),
-            sums: vec![[0; 4]; 2 * texels.len() + 1],
+            sums: [0, 1].map(|_| vec![[0; 4]; 2 * texels.len() + 1]),
             pairs: Vec::new(),
             cells: Vec::new(),
             projections: Vec::new(),
@@ -198,19 +202,23 @@ pub fn shoot(
     scratch: &mut Scratch,
 ) -> Result<Option<Made>, FieldError> {
     let mut made = None;
-    let Grids { perturbations, thinned } = cycle.grids;
-    if !shared.directions.is_in_coarser(id, thinned) {
+    if !shared.directions.is_in_coarser(id, cycle.thinned) {
         return Ok(made);
     }
-    for number in 0..perturbations {
+    let colour = shared.directions.colour(id, cycle.thinned);
+    for number in cycle.grids.clone() {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
-        let line = Line { shared, cycle, psf: &psf };
+        let line = Line { shared, cycle, psf: &psf, half: half_of(colour, number) };
         if line.clips() {
             projections(shared.outlines, &psf, &mut scratch.projections);
         }
         let double = shared.directions.shares(id) == 2;
         if let Some(few) = cycle.few.filter(|_| number > 0) {
-            let sends = |surface, point| line.may_send(&few, surface, point);
+            let is_mirror = |s: SurfaceId| shared.scene.material_of(s).reflectance.is_mirror();
+            let sends = |surface, point| {
+                let sends = |sense| line.may_send(&few, (surface, point, FAR), sense);
+                !is_mirror(surface) || [Sense::Along, Sense::Against].into_iter().any(sends)
+            };
             scratch.layers.rasterise_through(shared.outlines, &psf, few.senders, sends);
             match double {
                 true => line.through_window::<2, 0>(scratch),
@@ -239,6 +247,8 @@ struct Line<'a> {
     shared: &'a Shared<'a>,
     cycle: &'a Cycle<'a>,
     psf: &'a Psf,
+    /// Which half of all lines they belong to.
+    half: usize,
 }
 
 /// Lines whose window is transferred at once.
@@ -393,6 +403,7 @@ impl Line<'_> {
     /// from finding the pairs, so that the processor can wait for many texels at once.
     fn transfer<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
         let Scratch { pairs, cells, sums, flow, tally, clip, projections, .. } = scratch;
+        let sums = &mut sums[self.half];
         let current = self.cycle.current;
         if self.clips() {
             let (ground, pairs) = (self.ground(projections), (cells.as_slice(), pairs.as_slice()));
@@ -485,14 +496,14 @@ impl Line<'_> {
         scratch: &mut Scratch,
     ) {
         match receiver {
-            None => add::<SHARES, COUNTS>(&mut scratch.sums[self.cycle.outside()], line),
+            None => add::<SHARES, COUNTS>(&mut scratch.sums[self.half][self.cycle.outside()], line),
             Some((_, f)) if f.texel() < self.shared.texels.diffuse && self.clips() => {
                 // The other end is a mirror: these are still the taps of this one.
                 let taps = scratch.clip.last_taps();
-                clip::share_out::<SHARES, COUNTS>(line, taps, &mut scratch.sums);
+                clip::share_out::<SHARES, COUNTS>(line, taps, &mut scratch.sums[self.half]);
             }
             Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
-                add::<SHARES, COUNTS>(&mut scratch.sums[f.value(sense)], line);
+                add::<SHARES, COUNTS>(&mut scratch.sums[self.half][f.value(sense)], line);
             }
             Some((k, f)) => {
                 self.arrive::<SHARES, COUNTS>(f, line, &mut scratch.flow);
@@ -513,44 +524,41 @@ impl Line<'_> {
         let surface = SurfaceId(self.shared.texels.surface_of[fragment.texel() as usize]);
         let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
         let place = (surface, self.psf.unproject(x, y, fragment.depth()), gap);
-        let few = self.cycle.few.and_then(|few| few.paths);
-        if few.is_some_and(|few| self.shown(&few, place, sense).is_black()) {
+        if self.cycle.few.is_some_and(|few| !self.may_send(&few, place, sense)) {
             return FROM_OUTSIDE;
         }
         scratch.tally.gathers += 1;
         self.shared.quantum.fixed(self.shown(paths, place, sense))
     }
 
-    /// What a mirror shows at a point, seen from a distance along the PSF's direction.
-    fn shown(
-        &self,
-        paths: &Paths,
-        (surface, point, distance): (SurfaceId, Vec3, f32),
-        sense: Sense,
-    ) -> Rgb {
-        let Shared { scene, texels, quantum, .. } = *self.shared;
+    /// A mirror's point, as it is met by who looks at it from a distance against the way that it sends.
+    fn met(&self, (surface, point, distance): (SurfaceId, Vec3, f32), sense: Sense) -> (Vec3, Hit) {
         let outgoing = self.psf.direction * sense.sign();
-        let side = Side::facing(scene.surface(surface).normal.dot(outgoing));
-        let hit = Hit { surface, point, distance, side };
-        paths.radiance(-outgoing, &hit, self.cycle.number == 0, |end| {
+        let side = Side::facing(self.shared.scene.surface(surface).normal.dot(outgoing));
+        (-outgoing, Hit { surface, point, distance, side })
+    }
+
+    /// What a mirror sends from a point over a distance.
+    fn shown(&self, paths: &Paths, place: (SurfaceId, Vec3, f32), sense: Sense) -> Rgb {
+        let Shared { scene, texels, quantum, .. } = *self.shared;
+        let (dir, hit) = self.met(place, sense);
+        paths.radiance(dir, &hit, self.cycle.number == 0, |end| {
             let texel = texels.at(end.surface, scene.surface(end.surface), end.point);
             let home = self.shared.outlines.homes.of(scene, texels, texel, end.point) as usize;
             quantum.radiance(self.cycle.current[2 * home + end.side.index()])
         })
     }
 
-    /// Whether one of few senders may send from a point along the PSF's direction or against it.
-    fn may_send(&self, few: &Few, surface: SurfaceId, point: Vec3) -> bool {
+    /// Whether one of few senders may send from a point.
+    fn may_send(&self, few: &Few, place: (SurfaceId, Vec3, f32), sense: Sense) -> bool {
         let Some(paths) = &few.paths else { return true };
-        let texel = self.shared.texels.lattices[surface.index()].first;
-        let is_open = |sense: Sense| {
-            let outgoing = self.psf.direction * sense.sign();
-            let side = Side::facing(self.shared.scene.surface(surface).normal.dot(outgoing));
-            !self.cycle.sealed.has(2 * texel as usize + side.index())
-        };
-        let shows = |sense| !self.shown(paths, (surface, point, FAR), sense).is_black();
-        !self.shared.scene.material_of(surface).reflectance.is_mirror()
-            || [Sense::Along, Sense::Against].into_iter().any(|s| is_open(s) && shows(s))
+        let (dir, hit) = self.met(place, sense);
+        let texel = self.shared.texels.lattices[place.0.index()].first as usize;
+        if self.cycle.sealed.has(2 * texel + hit.side.index()) {
+            return false;
+        }
+        let emits = |s: SurfaceId| !self.shared.scene.material_of(s).emitted.is_black();
+        paths.may_send(dir, &hit, |hit| hit.side == Side::Front && emits(hit.surface))
     }
 
     /// What a mirror sends from its fragment in a cell, from what has arrived at it.

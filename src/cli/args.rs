@@ -42,7 +42,7 @@ pub enum Command {
     Plan(Plan),
     /// Bake a scene into a field, or go on with a bake that was stopped
     Bake(Bake),
-    /// Say what a field or pack is, how it was baked and where its light went
+    /// Say what a field or pack is, how it was baked, how wrong it is and where its light went
     Info(Info),
     /// Check everything in a field, finished or not, or in a pack
     Verify(Verify),
@@ -124,6 +124,11 @@ pub struct Baking {
     /// How many lines to spend
     #[arg(long, value_enum, default_value = "preview")]
     pub quality: QualityName,
+    /// The relMSE that pictures should have about: each cycle ends with as few grids as bring its noise
+    /// down to that, at most those of --quality or --perturb; 0: always these [default: 0.0007 with
+    /// `--quality final`, else 0]
+    #[arg(long, value_name = "E")]
+    pub target_error: Option<f64>,
     /// Memory that the bake may hold
     #[arg(long, default_value = "512MiB")]
     pub memory: ByteSize,
@@ -352,7 +357,7 @@ pub enum QualityName {
     Draft,
     /// Soft shadows without visible bands
     Preview,
-    /// Eight times the lines of preview, for pictures to keep
+    /// As many lines as pictures of relMSE 0.0007 need, at most eight times those of preview
     Final,
 }
 

@@ -96,6 +96,10 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         transfer: a.transfer.into(),
         specular: a.specular.into(),
         resample: a.resample.is_on(),
+        target_error: a.target_error.unwrap_or(match a.perturb {
+            Some(_) => 0.0,
+            None => quality.target_error(),
+        }),
     }
 }
 
@@ -116,7 +120,8 @@ pub fn threads(asked: Option<usize>) -> anyhow::Result<usize> {
 /// Parameters of a quality at the default size.
 pub fn defaults(quality: Quality) -> Parameters {
     let (perturbations, thinned) = quality.perturbations();
-    Parameters { perturbations, thinned, ..Parameters::default() }
+    let target_error = quality.target_error();
+    Parameters { perturbations, thinned, target_error, ..Parameters::default() }
 }
 
 /// Seconds between commits, and whether they are synced.

@@ -9,8 +9,11 @@ use vlf::field::storage::disk::Disk;
 use vlf::field::{self, files};
 use vlf::format::container::{ChunkKind, FileKind, NO_DIRECTION};
 use vlf::format::limits::Limits;
-use vlf::format::manifest::{Manifest, Phase, record_from_bytes};
+use vlf::format::manifest::{Grids, Manifest, Phase, Specular, Transfer, record_from_bytes};
 use vlf::format::{Fault, names};
+
+/// Surfaces whose error is shown.
+const WORST: usize = 5;
 
 /// Bytes of a texel in a texture map: both sides, three f32 each.
 const TEXEL: u64 = 24;
@@ -39,7 +42,11 @@ impl Facts {
     /// Fragments on a ray of the grids that are done, on the average.
     fn fragments_a_ray(&self) -> Option<f64> {
         let p = &self.manifest.parameters;
-        let shot: f64 = (0..self.manifest.cycle).map(|cycle| p.grids(cycle).per_line()).sum();
+        let finished = self.manifest.grids.iter().take(self.manifest.cycle as usize).zip(0..);
+        let of = |(grids, cycle): (&u32, u32)| {
+            Grids { perturbations: *grids, ..p.grids(cycle) }.per_line()
+        };
+        let shot: f64 = finished.map(of).sum();
         let grids = shot * f64::from(p.directions) + self.total_maps() as f64;
         let rays = grids * f64::from(p.resolution).powi(2);
         (rays > 0.0).then(|| self.manifest.statistics.fragments as f64 / rays)
@@ -152,11 +159,33 @@ pub fn summary(path: &Path, limits: &Limits) -> anyhow::Result<String> {
             passes => format!(", filter {passes}"),
         }
     )?;
-    let mut perturbed: Vec<String> = p.perturbations.iter().map(u32::to_string).collect();
-    if p.thinned > 0 {
-        perturbed.push(format!("1/{}", 1u64 << (2 * p.thinned)));
-    }
-    write!(out, "  grids a direction by cycle: {}, ...; ", perturbed.join(", "))?;
+    writeln!(
+        out,
+        "  transfer {}, specular {}, resample {}",
+        match p.transfer {
+            Transfer::Sample => "sample",
+            Transfer::Clip => "clip",
+        },
+        match p.specular {
+            Specular::Maps => "maps",
+            Specular::Trace => "trace",
+        },
+        if p.resample { "on" } else { "off" }
+    )?;
+    let numbers = |counts: &[u32]| {
+        let counts: Vec<String> = counts.iter().map(u32::to_string).collect();
+        counts.join(", ")
+    };
+    let most = if p.target_error > 0.0 { "at most " } else { "" };
+    let thinned = match p.thinned {
+        0 => String::new(),
+        thinned => format!(", 1/{}", 1u64 << (2 * thinned)),
+    };
+    write!(
+        out,
+        "  grids a direction by cycle: {most}{}{thinned}, ...; ",
+        numbers(&p.perturbations)
+    )?;
     match p.cycles {
         Some(cycles) => writeln!(out, "{cycles} cycles")?,
         None => writeln!(out, "cycles until {} % is unshot", 100.0 * p.unshot_fraction)?,
@@ -170,6 +199,11 @@ pub fn summary(path: &Path, limits: &Limits) -> anyhow::Result<String> {
         "{}",
         if facts.packed { "; packed".into() } else { format!("; commit {}", m.sequence) }
     )?;
+    if p.target_error > 0.0 {
+        let spent = numbers(m.grids.get(..m.cycle as usize).unwrap_or_default());
+        writeln!(out, "  aims at relMSE {:.1e}; grids spent: {spent}", p.target_error)?;
+    }
+    error(m, &mut out)?;
     let total: u64 = parts.iter().map(|(_, b)| b).sum();
     writeln!(out, "  {} in all", size(total))?;
     for (name, bytes) in parts.iter().filter(|(_, bytes)| *bytes > 0) {
@@ -201,6 +235,30 @@ pub fn summary(path: &Path, limits: &Limits) -> anyhow::Result<String> {
         write!(out, "  digest {}", hex(&m.digest))?;
     }
     Ok(out.trim_end().to_owned())
+}
+
+/// What is wrong with the light, by estimate.
+fn error(m: &Manifest, out: &mut String) -> anyhow::Result<()> {
+    let e = &m.error;
+    if m.cycle == 0 {
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "  estimated relMSE of pictures {:.1e}: {:.1e} from lines, {:.1e} from texels",
+        e.relmse,
+        e.noise,
+        e.relmse - e.noise
+    )?;
+    for s in e.worst.iter().take(WORST) {
+        let part = 100.0 * s.part;
+        writeln!(
+            out,
+            "    {part:>5.1} % of it on surface {:<7} {:.1e} there",
+            s.surface, s.relmse
+        )?;
+    }
+    Ok(())
 }
 
 /// What the bake took.
@@ -277,6 +335,8 @@ pub fn json(path: &Path, limits: &Limits) -> anyhow::Result<Value> {
         "directions_done": m.done_count(),
         "bytes": sizes,
         "ledger": ledger,
+        "grids": m.grids,
+        "error": m.error,
         "statistics": m.statistics,
         "fragments_a_ray": fragments_a_ray,
         "surfaces_a_tile": surfaces_a_tile,

@@ -130,7 +130,8 @@ impl Field {
         Ok(())
     }
 
-    /// Writes the texture maps of a generation: P^T and P^C, two values a texel.
+    /// Writes the texture maps of a generation: P^T, P^C, and P^T of half of the lines, two values a
+    /// texel.
     ///
     /// # Errors
     /// Of the system.
@@ -139,15 +140,18 @@ impl Field {
         generation: u32,
         total: &[Rgb],
         current: &[Rgb],
+        half: &[Rgb],
     ) -> Result<(), FieldError> {
         let id = |kind| ChunkId { kind, cycle: generation, direction: NO_DIRECTION };
         // Stored as they are: the field's digest must not depend on a compressor's version.
         let blocks = |values| <[Rgb]>::chunks(values, files::BLOCK / 12).map(texels::to_bytes);
         let header = self.header_of(FileKind::Textures, (generation, NO_DIRECTION));
-        let length = container::length([total, current].map(|v| 12 * v.len() as u64).into_iter());
-        self.write(&names::textures(generation), (header, 2, length), |w| {
+        let maps = [total, current, half];
+        let length = container::length(maps.map(|v| 12 * v.len() as u64).into_iter());
+        self.write(&names::textures(generation), (header, maps.len(), length), |w| {
             w.raw_chunk(id(ChunkKind::TotalTexture), blocks(total))?;
-            w.raw_chunk(id(ChunkKind::CurrentTexture), blocks(current))
+            w.raw_chunk(id(ChunkKind::CurrentTexture), blocks(current))?;
+            w.raw_chunk(id(ChunkKind::HalfTexture), blocks(half))
         })
     }
 

@@ -18,7 +18,9 @@ pub mod pages;
 pub mod writer;
 
 use crate::format::container::{FieldId, FileKind, Header, MAGIC, NO_DIRECTION};
-use crate::format::manifest::{Manifest, Parameters, Phase, Statistics, header, record_to_bytes};
+use crate::format::manifest::{
+    ErrorEstimate, Manifest, Parameters, Phase, Statistics, header, record_to_bytes,
+};
 use crate::format::text::inert;
 use crate::format::{Fault, FormatError, names};
 use crate::scene::{Scene, stored};
@@ -189,6 +191,7 @@ fn difference(old: &Manifest, new: &Manifest) -> Option<String> {
         .or_else(|| differs("tile", &a.tile, &b.tile))
         .or_else(|| differs("cycles", &a.cycles, &b.cycles))
         .or_else(|| differs("perturbations", &a.perturbations, &b.perturbations))
+        .or_else(|| differs("target error", &a.target_error, &b.target_error))
         .or_else(|| differs("parameters", a, b))
 }
 
@@ -218,6 +221,8 @@ impl Field {
             sequence: 0,
             has_sums: false,
             ledger: Vec::new(),
+            grids: Vec::new(),
+            error: ErrorEstimate::default(),
             statistics: Statistics::default(),
             digest: [0; 16],
         };
@@ -499,7 +504,8 @@ mod tests {
             let maps = [(ChunkKind::Unshot, b"x".to_vec())];
             let place = (generation, 5);
             field.write_tiles(&names::generation(generation), place, &maps).unwrap();
-            field.write_textures(generation, &[Rgb::BLACK], &[Rgb::BLACK]).unwrap();
+            let black = [Rgb::BLACK];
+            field.write_textures(generation, &black, &black, &black).unwrap();
             field.manifest_mut().cycle = generation;
             field.commit().unwrap();
         }

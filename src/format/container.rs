@@ -84,6 +84,8 @@ pub enum ChunkKind {
     Arrived = 7,
     /// Total radiance maps L_T.
     Total = 8,
+    /// Total texture map from half of the lines.
+    HalfTexture = 9,
 }
 
 /// How a chunk's bytes are stored.
@@ -100,7 +102,7 @@ pub enum Codec {
 
 fn chunk_kind(v: u32) -> Result<ChunkKind, Fault> {
     use ChunkKind::*;
-    [Record, Scene, TotalTexture, CurrentTexture, Sums, Unshot, Arrived, Total]
+    [Record, Scene, TotalTexture, CurrentTexture, Sums, Unshot, Arrived, Total, HalfTexture]
         .into_iter()
         .find(|k| *k as u32 == v)
         .ok_or_else(|| Fault::invalid(format!("unknown chunk kind {v}")))
@@ -306,7 +308,7 @@ fn may_hold(file: FileKind, chunk: ChunkKind) -> bool {
     match file {
         FileKind::Manifest => chunk == Record,
         FileKind::Scene => chunk == Scene,
-        FileKind::Textures => matches!(chunk, TotalTexture | CurrentTexture),
+        FileKind::Textures => matches!(chunk, TotalTexture | CurrentTexture | HalfTexture),
         FileKind::Sums => chunk == Sums,
         FileKind::Tiles => matches!(chunk, Unshot | Arrived | Total),
         FileKind::Pack => matches!(chunk, Record | Scene | TotalTexture | Total),
@@ -324,9 +326,11 @@ fn check_raw(kind: ChunkKind, raw: u64, header: &Header, limits: &Limits) -> Res
         }
         ChunkKind::Scene => limits.check_chunk(raw, u64::MAX),
         // Two values of three f32 a texel.
-        ChunkKind::TotalTexture | ChunkKind::CurrentTexture => limits.check_texel_chunk(raw, 0, 24),
-        // Ten numbers of sixteen bytes, and two times four of eight a texel.
-        ChunkKind::Sums => limits.check_texel_chunk(raw, 10 * 16, 64),
+        ChunkKind::TotalTexture | ChunkKind::CurrentTexture | ChunkKind::HalfTexture => {
+            limits.check_texel_chunk(raw, 0, 24)
+        }
+        // Ten numbers of sixteen bytes, and for each half two times four of eight a texel.
+        ChunkKind::Sums => limits.check_texel_chunk(raw, 10 * 16, 128),
         ChunkKind::Unshot | ChunkKind::Arrived | ChunkKind::Total => {
             limits.check_chunk(raw, tiles::most_bytes(resolution, tile, surfaces))
         }
@@ -586,6 +590,7 @@ impl Directory {
         let (header, chunks, _) = Header::parse(block, file_len, limits)?;
         let limit = match header.kind {
             FileKind::Pack => 3 + u64::from(header.directions),
+            FileKind::Textures => 3,
             _ => 2,
         };
         if chunks > limit {

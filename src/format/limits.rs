@@ -12,6 +12,9 @@ use crate::directions::MOST_LINES;
 /// The most bytes of the manifest's record, which no flag raises.
 pub const RECORD: u64 = 64 << 20;
 
+/// The most surfaces whose error a record states.
+pub const WORST: usize = 64;
+
 /// The most bytes of a material's name, which no flag raises.
 pub const NAME: u32 = 4096;
 

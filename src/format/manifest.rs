@@ -44,6 +44,10 @@ pub struct Parameters {
     pub specular: Specular,
     /// Whether mirrors' total maps are found along true paths after the last cycle.
     pub resample: bool,
+    /// The noise of lines is brought down to where pictures have about this relMSE, as far as
+    /// `perturbations` allow, which are then the most PSFs a line may stand for; 0: they are what it
+    /// stands for.
+    pub target_error: f64,
 }
 
 /// How light goes from texels to cells and from cells to texels.
@@ -81,6 +85,7 @@ impl Default for Parameters {
             transfer: Transfer::Sample,
             specular: Specular::Trace,
             resample: true,
+            target_error: 0.0,
         }
     }
 }
@@ -189,6 +194,30 @@ impl CycleLedger {
     }
 }
 
+/// The squared error to expect of pictures (`--method trace`) of all that is lit, relative to squared
+/// radiance as `vlf compare` has it; estimated, and as a rule right within a factor of two. A picture
+/// that shows little of what is lit may be better or worse.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ErrorEstimate {
+    /// Of the whole: relMSE.
+    pub relmse: f64,
+    /// What of it comes from the number of lines; the rest from texels' size.
+    pub noise: f64,
+    /// The surfaces that bring the most of it, at most [`limits::WORST`], worst first.
+    pub worst: Vec<SurfaceError>,
+}
+
+/// The error of one surface, both sides.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceError {
+    /// The surface.
+    pub surface: u32,
+    /// Its own relMSE.
+    pub relmse: f64,
+    /// What part of the whole error is on it, 0 to 1.
+    pub part: f64,
+}
+
 /// Figures of a bake that `vlf info` shows; they do not count into the field's digest.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
@@ -263,6 +292,10 @@ pub struct Manifest {
     pub has_sums: bool,
     /// One ledger a finished cycle.
     pub ledger: Vec<CycleLedger>,
+    /// PSFs that each line stood for, by cycle; of the cycle under way those before the round under way.
+    pub grids: Vec<u32>,
+    /// The error after the last finished cycle.
+    pub error: ErrorEstimate,
     /// Figures.
     pub statistics: Statistics,
     /// Digest of the finished field, else zero.
@@ -370,6 +403,9 @@ impl Manifest {
         let counts = p.filter <= 64 && p.thinned <= MOST_THINNED;
         if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() || !counts {
             return Err(Fault::invalid("its parameters are out of range"));
+        }
+        if !(0.0..=1.0).contains(&p.target_error) || self.error.worst.len() > limits::WORST {
+            return Err(Fault::invalid("its error or the one aimed at is out of range"));
         }
         if p.specular == Specular::Trace && !p.resample {
             return Err(Fault::invalid("its mirrors' maps are neither stored nor traced"));

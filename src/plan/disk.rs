@@ -72,8 +72,8 @@ impl Files {
         Ok(Files {
             directions,
             scene: rehearsal.scene.0,
-            textures: length([textures; 2].into_iter()),
-            sums: length([32 * values].into_iter()),
+            textures: length([textures; 3].into_iter()),
+            sums: length([64 * values].into_iter()),
             record: length([record].into_iter()),
             generations: sample.generations.iter().map(maps).collect(),
             maps: sample.generations.clone(),

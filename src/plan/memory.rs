@@ -3,6 +3,7 @@
 
 use super::disk::Files;
 use super::sample::Sample;
+use crate::bake::memory::texture_bytes;
 use crate::bake::step::{Scratch, Shared};
 use crate::ids::DirectionId;
 use crate::psf::Psf;
@@ -47,14 +48,15 @@ pub fn peak(shared: &Shared, sample: &Sample, threads: u64, pages: u64) -> u64 {
         + 12 * corners;
 
     // Sets that exchange light: one a thread, then all of them with their roots.
-    let reach = threads * (layers + 5 * values) + 5 * values + texels;
+    let reach = threads * (layers + 17 * values) + 17 * values + texels;
     let (unshot, arrived) =
         sample.generations.last().map_or((0, 0), |g| (g.unshot as u64, g.arrived as u64));
     let mirrors = texels - u64::from(shared.texels.diffuse);
     let scratch = layers + 2 * (unshot + arrived) + mirrors * Scratch::A_MIRROR;
     let (excerpts, kept) =
         if shared.stores_mirrors() { (sample.most.excerpts, KEPT) } else { (0, 0) };
-    let propagating = 32 * values * (1 + threads) + threads * (scratch + excerpts) + pages + kept;
+    let propagating =
+        values * texture_bytes(threads) + threads * (scratch + excerpts) + pages + kept;
     let totals = 12 * values + threads * (layers + 2 * sample.largest);
     lasting + reach.max(propagating).max(totals)
 }

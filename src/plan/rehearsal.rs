@@ -10,7 +10,7 @@ use crate::field::storage::memory::Memory;
 use crate::field::storage::{Input, Lock, LockError, Output, Storage};
 use crate::field::{FieldError, files, read_manifest};
 use crate::format::container::{ChunkKind, Codec, FileKind, NO_DIRECTION, encode};
-use crate::format::manifest::{Grids, Manifest, Parameters, Phase};
+use crate::format::manifest::{Manifest, Parameters, Phase};
 use crate::format::names;
 use crate::format::tiles::{Layout, TileMap};
 use crate::radiance::Rgb;
@@ -229,7 +229,11 @@ impl Rehearsal {
         pages: u64,
         options: &Options,
     ) -> Result<Rehearsal, BakeError> {
-        let parameters = Parameters { directions: lines, thinned: 0, ..shared.parameters.clone() };
+        // Fewer lines are noisier: what ends a cycle's rounds must come as late with them as with all.
+        let all = f64::from(shared.parameters.directions);
+        let target_error = (shared.parameters.target_error * all / f64::from(lines)).min(1.0);
+        let parameters =
+            Parameters { directions: lines, thinned: 0, target_error, ..shared.parameters.clone() };
         let threads = options.threads.max(1) as u64;
         let need = {
             let directions = Directions::with_lines(lines);
@@ -337,20 +341,22 @@ impl Rehearsal {
         for (k, ((totals, cycle), reports)) in reports.iter().enumerate() {
             let (Some(first), Some(last)) = (reports.first(), reports.last()) else { continue };
             // The axes take too large a part of few lines; perturbed ones are away from them.
-            let Grids { perturbations, thinned } = shared.parameters.grids(*cycle);
+            let grids = self.manifest.grids.get(*cycle as usize).copied().unwrap_or(1);
+            let thinned = shared.parameters.grids(*cycle).thinned;
             let (turned, part) = match totals {
                 true => (0.0, 1.0),
-                false => (f64::from(perturbations - 1), 0.25f64.powi(thinned as i32)),
+                false => (f64::from(grids.max(1) - 1), 0.25f64.powi(thinned as i32)),
             };
             let fragments = (turned + sample.fragments) / (turned + 1.0);
             let direction = self.direction(reports);
+            let rounds = (reports.len() as f64 / lines).max(1.0);
             let begun = direction.map(|s| s * f64::from(self.threads));
             let preparing = (*first - before - begun).at_least_none();
             // The first commit is that of the empty field.
             let end = if *totals { *ended } else { commits.get(k + 1).copied().unwrap_or(*last) };
             let rest = (end - *last).at_least_none();
             let step = direction
-                .map(|s| s * all * part * fragments)
+                .map(|s| s * all * rounds * part * fragments)
                 .and(self.files((k, *totals), sample, all))
                 .and(rest);
             if k == 0 {

@@ -127,7 +127,8 @@ impl<'a> Commit<'a> {
         }
         let mut hashes = self.manifest.scene_hash.to_vec();
         if cycle > 0 {
-            let chunks = &[ChunkKind::TotalTexture, ChunkKind::CurrentTexture];
+            let chunks =
+                &[ChunkKind::TotalTexture, ChunkKind::CurrentTexture, ChunkKind::HalfTexture];
             let textures = self.expected(names::textures(cycle), FileKind::Textures, cycle, chunks);
             let checked = self.file(&textures);
             hashes.extend(checked.hashes.iter().flat_map(|h| h.to_le_bytes()));
@@ -242,13 +243,13 @@ impl<'a> Commit<'a> {
     ) -> Result<(), FieldError> {
         let texels = self.scene.map(|(texels, _)| texels);
         match entry.id.kind {
-            ChunkKind::TotalTexture | ChunkKind::CurrentTexture => {
+            ChunkKind::TotalTexture | ChunkKind::CurrentTexture | ChunkKind::HalfTexture => {
                 check_length(entry, texels.map(|t| 24 * t)).map_err(at_its_place)?;
                 let mut blocks = TextureBlocks::default();
                 opened.blocks(entry, |block| blocks.take(block))
             }
             ChunkKind::Sums => {
-                check_length(entry, texels.map(|t| SUMS_HEAD + 64 * t)).map_err(at_its_place)?;
+                check_length(entry, texels.map(|t| SUMS_HEAD + 128 * t)).map_err(at_its_place)?;
                 let mut blocks = SumsBlocks::default();
                 opened.blocks(entry, |block| blocks.take(block))
             }

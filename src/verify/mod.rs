@@ -254,6 +254,7 @@ fn section(kind: ChunkKind) -> &'static str {
         ChunkKind::Scene => "scene",
         ChunkKind::TotalTexture => "total texture map",
         ChunkKind::CurrentTexture => "current texture map",
+        ChunkKind::HalfTexture => "texture map of half of the lines",
         ChunkKind::Sums => "sums",
         ChunkKind::Unshot => "unshot map",
         ChunkKind::Arrived => "arrived map",

@@ -35,7 +35,7 @@ Kind, Holder = Vlf.ChunkKind, Vlf.FileKind
 CHUNKS = {
     Holder.manifest: [[Kind.record]],
     Holder.scene: [[Kind.scene]],
-    Holder.textures: [[Kind.total_textures, Kind.current_textures]],
+    Holder.textures: [[Kind.total_textures, Kind.current_textures, Kind.half_textures]],
     Holder.sums: [[Kind.sums]],
     Holder.tiles: [[Kind.unshot_tiles, Kind.arrived_tiles], [Kind.total_tiles]],
     Holder.pack: [[Kind.record, Kind.scene, Kind.total_textures]],
@@ -45,6 +45,7 @@ CONTENT = {
     Kind.scene: Vlf.Scene,
     Kind.total_textures: Vlf.TextureMap,
     Kind.current_textures: Vlf.TextureMap,
+    Kind.half_textures: Vlf.TextureMap,
     Kind.sums: Vlf.Sums,
     Kind.unshot_tiles: Vlf.TileMap,
     Kind.arrived_tiles: Vlf.TileMap,
@@ -267,8 +268,11 @@ def check_contents(file, record, scene):
     for chunk in file.chunks:
         name = f"{chunk.entry.kind.name} of {line_name(chunk.entry.direction)}"
         if isinstance(chunk.content, (Vlf.TextureMap, Vlf.Sums)):
+            # Sums are of two halves of the lines.
+            halves = 2 if isinstance(chunk.content, Vlf.Sums) else 1
+            expected = values and halves * values
             count = len(chunk.content.values)
-            require(values in (None, count), 7, f"{name}: {count} values, not {values}")
+            require(expected in (None, count), 7, f"{name}: {count} values, not {expected}")
         elif isinstance(chunk.content, Vlf.TileMap):
             check_tile_map(chunk.content, name)
             in_pack = file.block.file_kind == Holder.pack

@@ -38,6 +38,7 @@ class Vlf(KaitaiStruct):
         unshot_tiles = 6
         arrived_tiles = 7
         total_tiles = 8
+        half_textures = 9
 
     class Codec(IntEnum):
         raw = 0
@@ -170,6 +171,9 @@ class Vlf(KaitaiStruct):
                 elif _on == Vlf.ChunkKind.current_textures:
                     pass
                     self._m_content._fetch_instances()
+                elif _on == Vlf.ChunkKind.half_textures:
+                    pass
+                    self._m_content._fetch_instances()
                 elif _on == Vlf.ChunkKind.record:
                     pass
                     self._m_content._fetch_instances()
@@ -221,6 +225,11 @@ class Vlf(KaitaiStruct):
                     _io__raw__m_content = KaitaiStream(BytesIO(self._raw__m_content))
                     self._m_content = Vlf.TileMap(_io__raw__m_content, self, self._root)
                 elif _on == Vlf.ChunkKind.current_textures:
+                    pass
+                    self._raw__m_content = io.read_bytes(self.len_stored)
+                    _io__raw__m_content = KaitaiStream(BytesIO(self._raw__m_content))
+                    self._m_content = Vlf.TextureMap(_io__raw__m_content, self, self._root)
+                elif _on == Vlf.ChunkKind.half_textures:
                     pass
                     self._raw__m_content = io.read_bytes(self.len_stored)
                     _io__raw__m_content = KaitaiStream(BytesIO(self._raw__m_content))
@@ -484,23 +493,42 @@ class Vlf(KaitaiStruct):
                 raise kaitaistruct.ValidationLessThanError((1 if self.specular == Vlf.Specular.trace else 0), self.resample, self._io, u"/types/record/seq/15")
             if not self.resample <= 1:
                 raise kaitaistruct.ValidationGreaterThanError(1, self.resample, self._io, u"/types/record/seq/15")
+            self.target_error = self._io.read_f8le()
+            if not self.target_error >= 0:
+                raise kaitaistruct.ValidationLessThanError(0, self.target_error, self._io, u"/types/record/seq/16")
+            if not self.target_error <= 1:
+                raise kaitaistruct.ValidationGreaterThanError(1, self.target_error, self._io, u"/types/record/seq/16")
             self.scene_hash = self._io.read_bytes(16)
             self.phase = KaitaiStream.resolve_enum(Vlf.Phase, self._io.read_u4le())
             if not isinstance(self.phase, Vlf.Phase):
-                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/17")
+                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/18")
             self.cycle = self._io.read_u4le()
             self.len_done = self._io.read_u8le()
             if not self.len_done == (self.num_directions + 7) // 8:
-                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/19")
+                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/20")
             self.done = self._io.read_bytes(self.len_done)
             self.sequence = self._io.read_u8le()
             self.has_sums = self._io.read_u1()
             if not self.has_sums <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/22")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/23")
             self.num_ledgers = self._io.read_u8le()
             self.ledgers = []
             for i in range(self.num_ledgers):
                 self.ledgers.append(Vlf.Record.Ledger(self._io, self, self._root))
+
+            self.num_grids = self._io.read_u8le()
+            self.grids = []
+            for i in range(self.num_grids):
+                self.grids.append(self._io.read_u4le())
+
+            self.relmse = self._io.read_f8le()
+            self.noise = self._io.read_f8le()
+            self.num_worst = self._io.read_u8le()
+            if not self.num_worst <= 64:
+                raise kaitaistruct.ValidationGreaterThanError(64, self.num_worst, self._io, u"/types/record/seq/30")
+            self.worst = []
+            for i in range(self.num_worst):
+                self.worst.append(Vlf.Record.SurfaceError(self._io, self, self._root))
 
             self.seconds = self._io.read_f8le()
             self.fragments = self._io.read_u8le()
@@ -517,7 +545,7 @@ class Vlf(KaitaiStruct):
             self.wait = self._io.read_f8le()
             self.has_sync = self._io.read_u1()
             if not self.has_sync <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/38")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/45")
             if self.has_sync == 1:
                 pass
                 self.sync = self._io.read_f8le()
@@ -526,7 +554,7 @@ class Vlf(KaitaiStruct):
             self.end = self._io.read_bytes(0)
             _ = self.end
             if not self._io.is_eof():
-                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/41")
+                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/48")
 
 
         def _fetch_instances(self):
@@ -540,6 +568,13 @@ class Vlf(KaitaiStruct):
             for i in range(len(self.ledgers)):
                 pass
                 self.ledgers[i]._fetch_instances()
+
+            for i in range(len(self.grids)):
+                pass
+
+            for i in range(len(self.worst)):
+                pass
+                self.worst[i]._fetch_instances()
 
             if self.has_sync == 1:
                 pass
@@ -574,6 +609,24 @@ class Vlf(KaitaiStruct):
                 pass
 
 
+        class SurfaceError(KaitaiStruct):
+            """The error of a surface."""
+            def __init__(self, _io, _parent=None, _root=None):
+                super(Vlf.Record.SurfaceError, self).__init__(_io)
+                self._parent = _parent
+                self._root = _root
+                self._read()
+
+            def _read(self):
+                self.surface = self._io.read_u4le()
+                self.relmse = self._io.read_f8le()
+                self.part = self._io.read_f8le()
+
+
+            def _fetch_instances(self):
+                pass
+
+
         @property
         def identity_bytes(self):
             """Up to and with `scene_hash`. Their xxh3-128 is the field's identity.
@@ -595,7 +648,7 @@ class Vlf(KaitaiStruct):
             if hasattr(self, '_m_len_identity'):
                 return self._m_len_identity
 
-            self._m_len_identity = (75 + 4 * self.has_cycles) + 4 * self.num_perturbations
+            self._m_len_identity = (83 + 4 * self.has_cycles) + 4 * self.num_perturbations
             return getattr(self, '_m_len_identity', None)
 
 

@@ -1,0 +1,264 @@
+//! How wrong the texture maps are, judged from the lines themselves.
+//!
+//! In: the Total Texture Map of all lines, and that of one half of them. Out: the squared error that
+//! pictures of them will have, relative as `vlf compare` has it.
+//!
+//! Two things are wrong with a texture map. Its lines are finitely many: what one half of them says
+//! differs from what both say by as much as both are wrong, were the halves independent; those of a
+//! lattice make up for each other, and what both say is better than that ([`LATTICE`]). And between
+//! texels radiance is bilinear, of averages over texels: an edge of light is washed out. How much
+//! follows from the map's second differences ([`WASHED_OUT`]), less what of them the halves do not agree
+//! on. Cycles add up in the maps, so that what their errors have in common is in the estimate.
+
+use crate::directions::Directions;
+use crate::format::limits;
+use crate::format::manifest::{ErrorEstimate, SurfaceError};
+use crate::ids::SurfaceId;
+use crate::radiance::Rgb;
+use crate::scene::Scene;
+use crate::scene::texels::{Lattice, Texels};
+
+/// What part of the mean square of the halves' disagreement is error. All of it if they were independent;
+/// a third if each were a lattice and the error fell as the number of lines; measured is a half.
+const LATTICE: f64 = 0.5;
+
+/// Mean squared error of bilinear lookups in averages over texels, in parts of the mean squared
+/// second difference. By theory 1/64 where radiance is smooth, 1/35 at kinks, 1/23 at ramps a texel
+/// wide, 1/8 at steps; edges of shadows are ramps of about a texel.
+const WASHED_OUT: f64 = 1.0 / 24.0;
+
+/// What keeps relative errors finite, in parts of the squared mean radiance.
+const EPSILON: f64 = 0.01;
+
+/// What part of the error aimed at the noise may have at least.
+const LEAST: f64 = 0.25;
+
+/// The half of all lines that a PSF belongs to, 0 or 1, from the [`Directions::colour`] of its line:
+/// lines that are neighbours in their lattice, and PSFs of a line that follow each other, are in
+/// different ones.
+pub fn half_of(colour: u32, number: u32) -> usize {
+    ((colour + number) % 2) as usize
+}
+
+/// How many of a line's `grids` are in half 0, on the average over the lines of a cycle.
+pub fn grids_of_half(directions: &Directions, thinned: u32, grids: u32) -> f64 {
+    let (mut own, mut all) = (0, 0);
+    for id in directions.ids().filter(|id| directions.is_in_coarser(*id, thinned)) {
+        let shares = u64::from(directions.shares(id));
+        let skipped = half_of(directions.colour(id, thinned), 0) as u64;
+        own += shares * ((u64::from(grids) + 1 - skipped) / 2);
+        all += shares;
+    }
+    own as f64 / all as f64
+}
+
+/// Whether a cycle (from 0) has lines enough for pictures of relMSE `target`. Lines do not help what the
+/// texels' size spoils; so their noise may take what that leaves of the target, and a quarter of it in
+/// any case. The first cycle may take half of this, the second half of the rest, and so on.
+pub fn is_enough(error: &ErrorEstimate, target: f64, cycle: u32) -> bool {
+    let granted = (target - (error.relmse - error.noise)).max(LEAST * target);
+    error.noise <= granted * (1.0 - 0.5f64.powi(cycle as i32 + 1))
+}
+
+/// Total texture maps, two values a texel, W sr^-1 m^-2.
+#[derive(Clone, Copy)]
+pub struct Totals<'a> {
+    /// Of all lines.
+    pub all: &'a [Rgb],
+    /// Of half of them.
+    pub half: &'a [Rgb],
+}
+
+/// The error of texture maps, weighted by `areas`, one for each value. Sides without any light count
+/// for nothing: as a rule, nobody sees them.
+pub fn estimate(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -> ErrorEstimate {
+    let sides = || {
+        let diffuse = |id: &SurfaceId| !scene.material_of(*id).reflectance.is_mirror();
+        let sides = scene.surface_ids().filter(diffuse).flat_map(|id| [(id, 0), (id, 1)]);
+        let sides = sides
+            .map(|(id, side)| (id, Sheet { texels, lattice: &texels.lattices[id.index()], side }));
+        sides.filter(|(_, sheet)| sheet.values().any(|v| !maps.all[v].is_black()))
+    };
+    let (mut light, mut area) = (0.0, 0.0);
+    for value in sides().flat_map(|(_, sheet)| sheet.values()) {
+        light += areas[value] * f64::from(maps.all[value].mean());
+        area += areas[value];
+    }
+    if light <= 0.0 {
+        return ErrorEstimate::default();
+    }
+    let epsilon = EPSILON * (light / area).powi(2);
+    let (mut noise, mut error) = (0.0, 0.0);
+    let mut surfaces: Vec<(SurfaceError, f64)> = Vec::new();
+    for (id, sheet) in sides() {
+        let own = sheet.errors(areas, maps, epsilon);
+        let sum = own.noise + own.washed_out;
+        (noise, error) = (noise + own.noise, error + sum);
+        match surfaces.last_mut().filter(|(s, _)| s.surface == id.0) {
+            Some((surface, area)) => {
+                surface.part += sum;
+                *area += own.area;
+            }
+            None => {
+                surfaces.push((SurfaceError { surface: id.0, relmse: 0.0, part: sum }, own.area))
+            }
+        }
+    }
+    for (surface, area) in &mut surfaces {
+        surface.relmse = if *area > 0.0 { surface.part / *area } else { 0.0 };
+        surface.part = if error > 0.0 { surface.part / error } else { 0.0 };
+    }
+    let mut worst: Vec<SurfaceError> = surfaces.into_iter().map(|(s, _)| s).collect();
+    worst.sort_by(|a, b| b.part.total_cmp(&a.part).then(a.surface.cmp(&b.surface)));
+    worst.truncate(limits::WORST);
+    ErrorEstimate { relmse: error / area, noise: noise / area, worst }
+}
+
+/// Sums over the texels of a side: area, and area times relative squared errors.
+#[derive(Clone, Copy, Debug, Default)]
+struct Errors {
+    area: f64,
+    noise: f64,
+    washed_out: f64,
+}
+
+/// One side of a lattice.
+#[derive(Clone, Copy)]
+struct Sheet<'a> {
+    texels: &'a Texels,
+    lattice: &'a Lattice,
+    side: usize,
+}
+
+impl Sheet<'_> {
+    /// Its values in texture maps.
+    fn values(self) -> impl Iterator<Item = usize> {
+        let first = self.lattice.first as usize;
+        let count = self.lattice.width as usize * self.lattice.height as usize;
+        (first..first + count).map(move |texel| 2 * texel + self.side)
+    }
+
+    fn errors(self, areas: &[f64], maps: Totals, epsilon: f64) -> Errors {
+        let mut sum = Errors::default();
+        for value in self.values().filter(|v| areas[*v] > 0.0) {
+            let around = self.around(value);
+            sum.area += areas[value];
+            for channel in 0..3 {
+                let total = |v: usize| f64::from(maps.all[v].0[channel]);
+                let differs = |v: usize| f64::from(maps.half[v].0[channel]) - total(v);
+                let weight = areas[value] / (total(value).powi(2) + epsilon) / 3.0;
+                let bent = second_difference(&around, total).powi(2);
+                let noisy = second_difference(&around, differs).powi(2);
+                sum.noise += weight * LATTICE * differs(value) * smoothed(&around, differs);
+                sum.washed_out += weight * WASHED_OUT * (bent - noisy);
+            }
+        }
+        Errors { noise: sum.noise.max(0.0), washed_out: sum.washed_out.max(0.0), ..sum }
+    }
+
+    /// The 3 x 3 values around one, row by row. Beyond borders and cuts stands the one itself, as if
+    /// radiance were even there.
+    fn around(self, value: usize) -> [usize; 9] {
+        let Lattice { first, width, height, .. } = *self.lattice;
+        let own = (value / 2) as u32;
+        let (column, row) = ((own - first) % width, (own - first) / width);
+        let mut around = [value; 9];
+        for (k, at) in around.iter_mut().enumerate() {
+            // One more than the place, so that none is negative.
+            let (c, r) = (column + (k % 3) as u32, row + (k / 3) as u32);
+            let is_inside = (1..=width).contains(&c) && (1..=height).contains(&r);
+            let other = || first + (r - 1) * width + c - 1;
+            if is_inside && self.texels.cuts.are_joined(self.lattice, own, other()) {
+                *at = 2 * other() as usize + self.side;
+            }
+        }
+        around
+    }
+}
+
+/// Sum of the second differences along rows and columns. At a border and beside a cut it is not known,
+/// and taken to be none along that axis.
+fn second_difference(around: &[usize; 9], of: impl Fn(usize) -> f64) -> f64 {
+    let middle = around[4];
+    let along = |a: usize, b: usize| match a == middle || b == middle {
+        true => 0.0,
+        false => of(a) + of(b) - 2.0 * of(middle),
+    };
+    along(around[3], around[5]) + along(around[1], around[7])
+}
+
+/// What a value must be multiplied with to give its part of the mean square of the bilinear interpolant:
+/// (1 4 1) / 6 along rows and columns. Of independent values little more than 4/9 is left.
+fn smoothed(around: &[usize; 9], of: impl Fn(usize) -> f64) -> f64 {
+    const WEIGHTS: [f64; 9] = [1.0, 4.0, 1.0, 4.0, 16.0, 4.0, 1.0, 4.0, 1.0];
+    around.iter().zip(WEIGHTS).map(|(v, weight)| weight * of(*v)).sum::<f64>() / 36.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The floor of the Cornell box lit by `light`, the halves apart by `apart`: by column and row.
+    fn floor(light: impl Fn(u32, u32) -> f32, apart: impl Fn(u32, u32) -> f32) -> ErrorEstimate {
+        let (scene, _) = Scene::bundled("cornell").unwrap();
+        let texels = Texels::new(&scene, 0.05);
+        let Lattice { first, width, height, .. } = texels.lattices[0];
+        let mut maps = [vec![Rgb::BLACK; 2 * texels.len()], vec![Rgb::BLACK; 2 * texels.len()]];
+        for texel in 0..width * height {
+            let (column, row) = (texel % width, texel / width);
+            let (value, light) = (2 * (first + texel) as usize, light(column, row));
+            maps[0][value] = Rgb::splat(light);
+            maps[1][value] = Rgb::splat(light + apart(column, row));
+        }
+        let areas = vec![1.0; 2 * texels.len()];
+        estimate(&scene, &texels, &areas, Totals { all: &maps[0], half: &maps[1] })
+    }
+
+    #[test]
+    fn even_light_on_which_the_halves_agree_is_right() {
+        assert_eq!(floor(|_, _| 1.0, |_, _| 0.0).relmse, 0.0);
+        // Nor is anything wrong between texels where light changes evenly, apart from rounding.
+        assert!(floor(|column, row| 1.0 + 0.1 * (column + row) as f32, |_, _| 0.0).relmse < 1e-9);
+    }
+
+    #[test]
+    fn halves_that_are_apart_everywhere_are_wrong_by_that_and_between_texels_by_less() {
+        let (expected, epsilon) = (LATTICE * 0.04, EPSILON);
+        let even = floor(|_, _| 1.0, |_, _| 0.2);
+        assert!((even.noise * (1.0 + epsilon) / expected - 1.0).abs() < 1e-3, "{even:?}");
+        assert_eq!((even.worst.len(), even.worst[0].surface), (1, 0));
+        // Signs that alternate along rows and columns cancel in lookups, a ninth is left; more at borders.
+        let rough =
+            floor(|_, _| 1.0, |column, row| if (column + row) % 2 == 0 { 0.2 } else { -0.2 });
+        assert!(rough.noise > 0.0 && rough.noise < 0.3 * even.noise, "{rough:?}");
+        assert_eq!(rough.relmse, rough.noise, "what the halves do not agree on is no edge");
+    }
+
+    #[test]
+    fn edges_of_light_are_washed_out() {
+        let edge = floor(|column, _| if column < 9 { 1.0 } else { 2.0 }, |_, _| 0.0);
+        assert!(edge.noise == 0.0 && edge.relmse > 0.0, "{edge:?}");
+    }
+
+    #[test]
+    fn both_halves_have_their_share_of_any_lattice() {
+        let directions = Directions::with_lines(513).unwrap();
+        for thinned in 0..3 {
+            assert_eq!(grids_of_half(&directions, thinned, 8), 4.0);
+            let odd = grids_of_half(&directions, thinned, 1);
+            assert!((odd - 0.5).abs() < 0.1, "{thinned}: {odd}");
+        }
+    }
+
+    #[test]
+    fn lines_are_enough_when_noise_is_small_beside_the_target_or_what_they_cannot_help() {
+        let of = |noise, washed_out| ErrorEstimate {
+            relmse: noise + washed_out,
+            noise,
+            worst: Vec::new(),
+        };
+        assert!(is_enough(&of(0.49, 0.0), 1.0, 0) && !is_enough(&of(0.51, 0.0), 1.0, 0));
+        assert!(is_enough(&of(0.7, 0.0), 1.0, 1), "later cycles may add to it");
+        assert!(!is_enough(&of(0.3, 0.5), 1.0, 0) && is_enough(&of(0.12, 5.0), 1.0, 0));
+    }
+}
