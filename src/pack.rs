@@ -312,16 +312,16 @@ impl Packer<'_> {
         let map = TileMap::new(&bytes, &layout);
         let psf = Psf::new(self.lattice.vector(DirectionId(direction)), resolution);
         let keep = |surface| self.keeps(surface);
-        let raw = match (self.options.codec, self.options.diffuse) {
-            (Codec::Raw, Diffuse::Maps) => Cow::Borrowed(&bytes),
-            (Codec::Raw, Diffuse::Texture) => Cow::Owned(reduce::kept(&map, keep)),
-            _ => Cow::Owned(reduce::reduced(
-                &map,
-                (&psf, exponent),
-                &self.texture,
-                keep,
-                self.options.max_error,
-            )),
+        let Options { codec, max_error, diffuse, .. } = *self.options;
+        // What is to stay as it is may still be the texture map's to the bit; only planes say so then.
+        let stays = codec == Codec::Raw || (codec == Codec::Zstd && max_error == 0.0);
+        let raw = match (stays, diffuse) {
+            (true, Diffuse::Maps) => Cow::Borrowed(&bytes),
+            (true, Diffuse::Texture) => Cow::Owned(reduce::kept(&map, keep)),
+            (false, _) => {
+                let place = (&psf, exponent);
+                Cow::Owned(reduce::reduced(&map, place, &self.texture, keep, max_error))
+            }
         };
         let (stored, values) = {
             let check = Layout::check_packed(&raw, (resolution, tile), surfaces, exponent);

@@ -251,7 +251,7 @@ fn a_pack_far_larger_than_memory_shows_the_same_and_keeps_to_the_memory() {
     let mut walk = Vec::new();
     for step in 0..6 {
         camera.eye.x += 0.05 * f64::from(step);
-        walk.push(camera.clone());
+        walk.push(camera);
     }
     let pictures = |field: &LightField| -> Vec<_> {
         walk.iter().map(|camera| picture(field, camera, Method::Field, 1)).collect()

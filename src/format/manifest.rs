@@ -92,6 +92,7 @@ impl Default for Parameters {
 
 impl Parameters {
     /// Edge of a texel of the diffuse texture maps, in the fitted scene's units.
+    #[allow(clippy::cast_possible_truncation, reason = "0.1 to 100")]
     pub fn texel_edge(&self) -> f32 {
         2.0 / self.resolution as f32 * self.texel_cells as f32
     }

@@ -54,8 +54,9 @@ struct Neighbours {
 
 #[allow(
     clippy::arithmetic_side_effects,
+    clippy::cast_possible_truncation,
     clippy::indexing_slicing,
-    reason = "columns are remainders of m, which is not 0, and rows are m + 1 long"
+    reason = "columns are remainders of m, which is not 0, and rows are m + 1 long; a median is as its numbers"
 )]
 impl Neighbours {
     /// For tiles of `m` cells along an edge, at least one.
@@ -128,6 +129,12 @@ fn try_cells<E>(
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::arithmetic_side_effects,
+    clippy::cast_possible_truncation,
+    clippy::indexing_slicing,
+    reason = "a panic fails the test"
+)]
 mod tests {
     use super::*;
     use crate::format::tiles::{CoveredCell, Layout, TileMap, TileMapWriter};

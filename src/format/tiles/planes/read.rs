@@ -106,11 +106,11 @@ fn mask_words(m: u32) -> u64 {
 }
 
 /// Takes `count` numbers of which the lowest bytes stand in planes.
-fn take(r: &mut Reader, planes: usize, count: usize) -> Result<Vec<u32>, Fault> {
+fn take(r: &mut Reader, planes: u32, count: usize) -> Result<Vec<u32>, Fault> {
     let mut numbers = room_for(count as u64, || "planes".into())?;
     numbers.resize(count, 0u32);
     for plane in 0..planes {
-        let shift = plane.wrapping_mul(8) as u32 % 32;
+        let shift = plane.wrapping_mul(8) % 32;
         let bytes = r.take(count)?;
         numbers.iter_mut().zip(bytes).for_each(|(v, b)| *v |= u32::from(*b) << shift);
     }
@@ -137,6 +137,7 @@ fn masks(r: &mut Reader, m: usize, size: usize, count: usize) -> Result<Vec<u8>,
 
 /// The inverse of the writer's `folded`.
 fn unfolded(code: u32) -> i16 {
-    let code = code as u16;
+    // Two planes make no more.
+    let code = u16::try_from(code).unwrap_or_default();
     (code >> 1).cast_signed() ^ (code & 1).cast_signed().wrapping_neg()
 }
