@@ -37,7 +37,7 @@ mod write;
 #[allow(clippy::indexing_slicing, reason = "a panic fails the test")]
 mod tests;
 
-pub use map::{TileEntry, TileMap, half_to_f32};
+pub use map::{Seen, TileEntry, TileMap, half_to_f32};
 pub use planes::{from_planes, to_planes};
 pub use rewrite::{Slot, rewritten};
 pub use write::{CoveredCell, TileMapWriter, exponent_for};

@@ -60,10 +60,7 @@ impl<'a> TileMap<'a> {
     }
 
     fn rgb(&self, value: usize) -> Rgb {
-        let at = self.layout.rgb_at + 6 * value;
-        let h = &self.bytes[at..at + 6];
-        // Both products are exact; in one, 2^112 and the scale could overflow.
-        Rgb([0, 1, 2].map(|c| half_to_f32(u16_at(h, c)) * self.layout.scale))
+        rgb_of(&self.bytes[self.layout.rgb_at..], value, self.layout.scale)
     }
 
     /// Number of entries over all tiles.
@@ -92,9 +89,10 @@ impl<'a> TileMap<'a> {
         let tile = (cell.j / m * n + cell.i / m) as usize;
         let first = &self.bytes[FIRST_AT..];
         let (mut low, mut high) = (u32_at(first, tile) as usize, u32_at(first, tile + 1) as usize);
+        let surfaces = &self.bytes[self.layout.surface_at..];
         while low < high {
             let middle = (low + high) / 2;
-            match self.surface(middle).cmp(&surface.0) {
+            match u32_at(surfaces, middle).cmp(&surface.0) {
                 std::cmp::Ordering::Less => low = middle + 1,
                 std::cmp::Ordering::Greater => high = middle,
                 std::cmp::Ordering::Equal => return Some(TileEntry { map: *self, entry: middle }),
@@ -155,24 +153,58 @@ impl TileEntry<'_> {
 
     /// Radiance at a cell of this tile, or `None` where the surface does not cover it.
     pub fn radiance(&self, cell: Cell, sense: Sense) -> Option<Rgb> {
-        let Layout { m, words, .. } = *self.map.layout;
-        let index = (cell.j % m * m + cell.i % m) as usize;
-        let mask = self.map.mask(self.entry);
-        let word = u64_at(mask, index / 64);
+        let m = self.map.layout.m;
+        self.seen(sense).radiance(cell.j % m * m + cell.i % m)
+    }
+}
+
+impl<'a> TileEntry<'a> {
+    /// What it shows in one sense, its tables looked up.
+    pub fn seen(&self, sense: Sense) -> Seen<'a> {
+        let slot = 2 * self.entry + sense.slot();
+        let Layout { rgb_at, scale, .. } = *self.map.layout;
+        let state = self.map.state(slot);
+        let values = &self.map.bytes[rgb_at + 6 * self.map.value(slot) as usize..];
+        Seen { mask: self.map.mask(self.entry), state, values, scale }
+    }
+}
+
+/// What one surface in one tile shows in one sense.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    mask: &'a [u8],
+    state: u8,
+    /// From its first value on.
+    values: &'a [u8],
+    scale: f32,
+}
+
+impl Seen<'_> {
+    /// Radiance at the cell of a row-by-row index inside the tile, or `None` where the surface does not
+    /// cover it.
+    #[inline]
+    pub fn radiance(&self, inside: u32) -> Option<Rgb> {
+        let index = inside as usize;
+        let word = u64_at(self.mask, index / 64);
         if word >> (index % 64) & 1 == 0 {
             return None;
         }
-        let slot = 2 * self.entry + sense.slot();
-        let value = self.map.value(slot) as usize;
-        match self.map.state(slot) {
+        match self.state {
             DATA => {
-                debug_assert!(words * 64 > index);
-                let before: u32 = (0..index / 64).map(|w| u64_at(mask, w).count_ones()).sum();
+                let before: u32 = (0..index / 64).map(|w| u64_at(self.mask, w).count_ones()).sum();
                 let below = word & ((1u64 << (index % 64)) - 1);
-                Some(self.map.rgb(value + (before + below.count_ones()) as usize))
+                Some(rgb_of(self.values, (before + below.count_ones()) as usize, self.scale))
             }
-            CONSTANT => Some(self.map.rgb(value)),
+            CONSTANT => Some(rgb_of(self.values, 0, self.scale)),
             _ => Some(Rgb::BLACK),
         }
     }
+}
+
+/// The value of a number in a table of values.
+#[inline]
+fn rgb_of(values: &[u8], number: usize, scale: f32) -> Rgb {
+    let h = &values[6 * number..6 * number + 6];
+    // Both products are exact; in one, 2^112 and the scale could overflow.
+    Rgb([0, 1, 2].map(|c| half_to_f32(u16_at(h, c)) * scale))
 }
