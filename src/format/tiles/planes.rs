@@ -195,9 +195,10 @@ mod tests {
         let map = map(16, &cells);
         let layout = Layout::check(&map, 32, 16, 6, 0).unwrap();
         let planes = to_planes(&TileMap::new(&map, &layout));
-        // Ranks above the lowest byte are of the slots' first values alone.
+        // Second bytes are of the slot's first value alone; the other sense's values are not smooth.
         let values = TileMap::new(&map, &layout).value_count();
         let red = &planes[planes.len() - 6 * values..][..2 * values];
-        assert!(red[values..].iter().filter(|b| **b != 0).count() <= 2);
+        let along = &red[values..][..256];
+        assert!(along.iter().filter(|b| **b != 0).count() <= 1, "{along:?}");
     }
 }
