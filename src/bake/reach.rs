@@ -280,3 +280,39 @@ impl Reach {
         sealed
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake::layers::Outlines;
+    use crate::bake::transfer::Quantum;
+    use crate::directions::Directions;
+    use crate::format::manifest::Parameters;
+    use crate::scene::Scene;
+    use crate::scene::texels::Texels;
+    use std::path::Path;
+
+    /// A sphere of many facets: of the lines that graze it some slip in between two of them.
+    #[test]
+    fn the_inside_of_a_closed_sphere_is_sealed_and_its_outside_is_not() {
+        let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+        let (scene, _) = Scene::open(&scenes.join("metal_sphere/metal_sphere.obj")).unwrap();
+        let parameters = Parameters { directions: 513, ..Parameters::default() };
+        let texels = Texels::new(&scene, 2.0 / parameters.resolution as f32);
+        let shared = Shared {
+            scene: &scene,
+            texels: &texels,
+            outlines: &Outlines::new(&scene, &texels),
+            directions: &Directions::with_lines(parameters.directions).unwrap(),
+            parameters: &parameters,
+            quantum: Quantum::new(1.0),
+            exponent: 0,
+        };
+        let lines: Vec<DirectionId> = shared.directions.ids().collect();
+        let sealed = sealed(&shared, &lines, || true);
+        let mirrors: Vec<usize> = (texels.diffuse as usize..texels.len()).collect();
+        assert!(mirrors.len() > 500);
+        assert!(mirrors.iter().all(|m| sealed.has(2 * m + 1)), "the inside is open");
+        assert!(mirrors.iter().all(|m| !sealed.has(2 * m)), "the outside is sealed");
+    }
+}

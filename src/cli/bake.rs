@@ -43,9 +43,6 @@ impl How {
     }
 }
 
-/// Passes of the filter over the Next Texture Maps unless said otherwise.
-pub const FILTER: u32 = 0;
-
 /// With `--cycles auto`: the fraction of the emitted light that may be left unshot.
 const UNSHOT_FRACTION: f64 = 1e-3;
 
@@ -82,6 +79,7 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         Some(perturb) => (perturb.grids, perturb.thinned),
         None => quality.perturbations(),
     };
+    let (texel, filter) = quality.texels();
     Parameters {
         directions: a.directions,
         resolution: a.resolution,
@@ -90,8 +88,8 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         unshot_fraction: UNSHOT_FRACTION,
         perturbations,
         thinned,
-        texel_cells: a.texel,
-        filter: a.filter,
+        texel_cells: a.texel.unwrap_or(texel),
+        filter: a.filter.unwrap_or(filter),
         one_sided: a.one_sided,
         transfer: a.transfer.into(),
         specular: a.specular.into(),
@@ -120,8 +118,10 @@ pub fn threads(asked: Option<usize>) -> anyhow::Result<usize> {
 /// Parameters of a quality at the default size.
 pub fn defaults(quality: Quality) -> Parameters {
     let (perturbations, thinned) = quality.perturbations();
+    let (texel_cells, filter) = quality.texels();
     let target_error = quality.target_error();
-    Parameters { perturbations, thinned, target_error, ..Parameters::default() }
+    let sizes = Parameters::default();
+    Parameters { perturbations, thinned, texel_cells, filter, target_error, ..sizes }
 }
 
 /// Seconds between commits, and whether they are synced.

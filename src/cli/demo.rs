@@ -32,7 +32,7 @@ pub fn run(a: &args::Demo) -> anyhow::Result<u8> {
     // cores.
     let perturbations = vec![6, 2, 1];
     let defaults = bake::defaults(Quality::Preview);
-    let parameters = Parameters { perturbations, unshot_fraction: 4e-3, filter: 1, ..defaults };
+    let parameters = Parameters { perturbations, unshot_fraction: 4e-3, ..defaults };
     let code = bake::bake_with_bar(&scene, &parameters, &field, How::usual(MEMORY, a.threads))?;
     if code != 0 {
         return Ok(code);
