@@ -4,8 +4,10 @@
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::Vec3;
+use std::path::PathBuf;
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
+use tempfile::TempDir;
 use vlf::bake::layers::{Layers, Outlines};
 use vlf::bake::reach::Sealed;
 use vlf::bake::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
@@ -14,12 +16,14 @@ use vlf::bake::transfer::clip::{Clip, Ground, Projection};
 use vlf::bake::transfer::{Fixed, Quantum, add};
 use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
-use vlf::format::tiles::{Layout, exponent_for};
+use vlf::field::storage::disk::Disk;
+use vlf::format::tiles::{Layout, exponent_for, half_to_f32};
+use vlf::pack::{PackReport, pack_from};
 use vlf::scene::cuts::Cuts;
 use vlf::scene::texels::Texels;
 use vlf::{
-    Camera, Cell, Codec, DirectionId, Directions, LightField, Parameters, Psf, Scene, SurfaceId,
-    Visible, bundled,
+    Camera, Cell, Codec, DirectionId, Directions, LightField, Parameters, Psf, Rgb, Scene,
+    SurfaceId, Visible, bundled,
 };
 
 fn main() {
@@ -84,10 +88,10 @@ impl Office {
 /// A line that is parallel to nothing in the office.
 const LINE: DirectionId = DirectionId(700);
 
-/// A small field of the office, baked and packed when first asked for.
-static FIELD: LazyLock<LightField> = LazyLock::new(|| {
+/// A small field of the office, baked when first asked for.
+static BAKED: LazyLock<TempDir> = LazyLock::new(|| {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let (field, pack) = (folder.path().join("office.field"), folder.path().join("office.vlf"));
+    let field = folder.path().join("office.field");
     let options = Options {
         memory: 1 << 30,
         threads: 2,
@@ -99,7 +103,21 @@ static FIELD: LazyLock<LightField> = LazyLock::new(|| {
         force: false,
     };
     vlf::bake(&OFFICE.scene, &parameters(129, 64), &field, &options).expect("it bakes");
-    vlf::pack(&field, &pack, Codec::Raw, &|_| ()).expect("it packs");
+    folder
+});
+
+/// The same, packed by one thread.
+fn packed(options: &vlf::pack::Options) -> (PathBuf, PackReport) {
+    let field = Disk::new(&BAKED.path().join("office.field"));
+    let pack = BAKED.path().join("office.vlf");
+    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    let report = alone.install(|| pack_from(&field, &pack, options, &|_| ())).expect("it packs");
+    (pack, report)
+}
+
+/// The same, opened.
+static FIELD: LazyLock<LightField> = LazyLock::new(|| {
+    let (pack, _) = packed(&vlf::pack::Options::exact(Codec::Raw));
     LightField::open(&pack).expect("it opens")
 });
 
@@ -286,24 +304,79 @@ fn check_a_tile_map(bencher: Bencher) {
         .bench_local(|| Layout::check(black_box(&map), 128, 16, surfaces, OFFICE.exponent));
 }
 
-/// Radiance of what neighbouring pixels see: the maps are in memory and checked.
+/// What neighbouring pixels see: surface, point, and direction to the eye.
+fn hits() -> Vec<(SurfaceId, Vec3, Vec3)> {
+    let visible = Visible::new(&OFFICE.scene);
+    let hit = |(origin, dir): (Vec3, Vec3)| {
+        let hit = visible.nearest(origin, dir, 0.0)?;
+        Some((hit.surface, hit.point, -dir))
+    };
+    primary_rays().into_iter().filter_map(hit).collect()
+}
+
+/// Radiance of what neighbouring pixels see, from a mapped raw pack: the maps are in memory and checked.
+/// To be held against `look_up_floor`.
 #[divan::bench]
 fn look_up_radiance(bencher: Bencher) {
-    let visible = Visible::new(&OFFICE.scene);
-    let hits: Vec<(SurfaceId, Vec3, Vec3)> = primary_rays()
-        .into_iter()
-        .filter_map(|(origin, dir)| {
-            let hit = visible.nearest(origin, dir, 0.0)?;
-            Some((hit.surface, hit.point, -dir))
-        })
-        .collect();
-    let field = &*FIELD;
-    let all = || {
-        let radiance = |(s, p, away): &(SurfaceId, Vec3, Vec3)| field.radiance(*s, *p, *away);
+    let hits = hits();
+    let mut accessor = FIELD.accessor();
+    let mut all = || {
+        let mut radiance = |hit: &(SurfaceId, Vec3, Vec3)| accessor.radiance(hit.0, hit.1, hit.2);
         hits.iter().filter_map(|hit| radiance(hit).ok()).map(|r| r.mean()).sum::<f32>()
     };
     black_box(all());
     bencher.counter(ItemsCount::new(hits.len())).bench_local(all);
+}
+
+/// The least that any lookup of this kind does: three directions, their grids, and twelve f16 cells out of
+/// dense maps that hold one surface, so that none is searched for and none is missing.
+#[divan::bench]
+fn look_up_floor(bencher: Bencher) {
+    const N: usize = 64;
+    let (hits, directions) = (hits(), &FIELD.directions);
+    let maps = vec![[0x3c00u16; 4]; directions.len() * N * N];
+    let cell = |map: usize, x: usize, y: usize| {
+        let bits = maps[(map * N + y.min(N - 1)) * N + x.min(N - 1)];
+        Rgb([0, 1, 2].map(|c| half_to_f32(bits[c])))
+    };
+    let radiance = |(_, point, away): &(SurfaceId, Vec3, Vec3)| {
+        let mut sum = Rgb::BLACK;
+        for near in directions.nearest_three(*away) {
+            let psf = Psf::new(directions.vector(near.direction), N as u32);
+            let at = psf.project(*point) - 0.5;
+            let (fx, fy) = (at.x - at.x.floor(), at.y - at.y.floor());
+            let (x, y, map) = (at.x as usize, at.y as usize, near.direction.index());
+            let upper = cell(map, x, y) * (1.0 - fx) + cell(map, x + 1, y) * fx;
+            let lower = cell(map, x, y + 1) * (1.0 - fx) + cell(map, x + 1, y + 1) * fx;
+            sum += (upper * (1.0 - fy) + lower * fy) * near.weight;
+        }
+        sum.mean()
+    };
+    bencher
+        .counter(ItemsCount::new(hits.len()))
+        .bench_local(|| hits.iter().map(radiance).sum::<f32>());
+}
+
+/// Packing by one thread, proof included; bytes are the field's.
+#[divan::bench(args = [0.0, 0.002, 0.01], sample_count = 5)]
+fn pack_planes(bencher: Bencher, max_error: f32) {
+    let options = vlf::pack::Options { max_error, ..vlf::pack::Options::exact(Codec::Planes) };
+    let before = packed(&options).1.whole().before;
+    bencher
+        .counter(divan::counter::BytesCount::new(before))
+        .bench_local(|| packed(black_box(&options)));
+}
+
+/// A packed map of the office, read, decoded and filled, once for each line.
+#[divan::bench(sample_count = 10)]
+fn unpack_a_map(bencher: Bencher) {
+    let options =
+        vlf::pack::Options { max_error: 0.002, ..vlf::pack::Options::exact(Codec::Planes) };
+    let field = LightField::open(&packed(&options).0).expect("it opens").with_memory(0);
+    let lines = field.directions.len() as u32;
+    bencher
+        .counter(ItemsCount::new(lines))
+        .bench_local(|| (0..lines).filter(|line| field.map(*line).is_ok()).count());
 }
 
 /// The nearest surface of neighbouring pixels.

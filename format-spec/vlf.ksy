@@ -19,8 +19,9 @@ doc: |
   `hashed` against `first_block_hash`, `first_block`, `directory_bytes` against its
   `directory_hash`, `directory`, and of each entry `stored` against its `chunk_hash`, `content`.
 
-  A chunk of codec zstd has no `content`. Decompress `stored`, and read the result as the type that
-  `content` names for the chunk's kind, with this file as its root.
+  A chunk of another codec has no `content`. Decompress `stored`, put planes together as the README
+  says, and read the result as the type that `content` names for the chunk's kind, with this file as
+  its root.
 doc-ref: README.md
 seq:
   - id: preamble
@@ -77,7 +78,8 @@ types:
         doc: A bit that is not known forbids to change the field, not to read it.
       - id: optional
         type: u8
-        doc: Bits that are not known are ignored.
+        doc: |
+          Bits that are not known are ignored. Bit 0, of packs: total maps have no diffuse surfaces.
   first_block:
     doc: Bytes 16 to 255 of the first block.
     doc-ref: README.md#first-block
@@ -701,6 +703,7 @@ enums:
   codec:
     0: raw
     1: zstd
+    2: planes
   phase:
     0: propagating
     1: writing_totals
@@ -718,3 +721,4 @@ enums:
     0: dark
     1: constant
     2: one_value_a_cell
+    3: textured

@@ -12,6 +12,7 @@
 
 use crate::ids::{DirectionId, Sense};
 use glam::{DVec2, DVec3, Vec3};
+use std::cmp::Reverse;
 use std::f64::consts::{FRAC_PI_4, PI};
 
 /// One of the three directions around a vector.
@@ -205,6 +206,34 @@ impl Directions {
         let side = 2 * self.steps + 1;
         ((y + self.steps) * side + x + self.steps) as usize
     }
+}
+
+/// The order in which a pack has the maps of `lines` lines: those of the coarsest lattice first, then
+/// those that each finer one adds, each lattice's in Z-order of its grid, so that lines near each other
+/// are mostly near each other in the file. Whole numbers only. `None` where there is no such lattice.
+pub fn paging(lines: u32) -> Option<Vec<DirectionId>> {
+    let steps = 1i32 << (0..=9).find(|k| 2 * 4u32.pow(*k) + 1 == lines)?;
+    let mut keys = Vec::with_capacity(lines as usize);
+    for y in -steps..=steps {
+        let reach = steps - y.abs();
+        for x in -reach..=reach {
+            // Of the two ends of a line on the equator the first in row order names it.
+            if x.abs() == reach && (y > 0 || (y == 0 && x > 0)) {
+                continue;
+            }
+            let halvings = (x | y | steps).trailing_zeros();
+            let along = |v: i32| u64::from((v + steps).cast_unsigned());
+            let id = DirectionId(keys.len() as u32);
+            keys.push((Reverse(halvings), z_order(along(x), along(y)), id));
+        }
+    }
+    keys.sort_unstable();
+    Some(keys.into_iter().map(|(.., id)| id).collect())
+}
+
+/// The bits of two numbers of up to 16 bits in turn, the first one's lower.
+fn z_order(x: u64, y: u64) -> u64 {
+    (0..16).map(|bit| (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1)).sum()
 }
 
 /// The grid point of the antipode. Antipodal points of the square trade their coordinates: the
@@ -403,5 +432,30 @@ mod tests {
             };
             prop_assert!(total(unit).distance(total(near_by)) < 2e-2);
         }
+    }
+
+    #[test]
+    fn packs_have_coarse_lattices_first_and_neighbours_near_each_other() {
+        for k in 0..=5 {
+            let set = Directions::new(k);
+            let order = paging(set.len() as u32).unwrap();
+            let mut seen = order.clone();
+            seen.sort_unstable();
+            assert!(seen.into_iter().eq(set.ids()), "k = {k}");
+            for coarser in 0..=k {
+                let first = &order[..2 * 4usize.pow(k - coarser) + 1];
+                assert!(first.iter().all(|id| set.is_in_coarser(*id, coarser)), "k = {k}");
+            }
+            // Of the finest lattice's own lines, most stand a few steps from the one before.
+            let finest = &order[set.len() / 4 + 1..];
+            let step = (4.0 * PI / (2.0 * set.len() as f64)).sqrt() as f32;
+            let is_far = |pair: &&[DirectionId]| {
+                let [a, b] = [pair[0], pair[1]].map(|id| set.vector(id));
+                a.distance(b).min(a.distance(-b)) > 4.0 * step
+            };
+            let far = finest.windows(2).filter(is_far).count();
+            assert!(far * 8 <= finest.len(), "k = {k}: {far} of {}", finest.len());
+        }
+        assert_eq!(paging(34), None);
     }
 }

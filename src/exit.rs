@@ -70,6 +70,7 @@ fn one(e: &(dyn Error + 'static)) -> Option<u8> {
             PackError::Field(e) => field(e),
             PackError::Unfinished(_) => USAGE,
             PackError::Foreign(_) => CORRUPT,
+            PackError::Memory { .. } => LIMIT,
             _ => IO,
         });
     }

@@ -9,7 +9,7 @@
 //! tile's list.
 
 use crate::directions::{Directions, Near};
-use crate::format::tiles::TileMap;
+use crate::format::tiles::{Seen, TileMap};
 use crate::ids::{Cell, Sense, SurfaceId};
 use crate::psf::Psf;
 use crate::radiance::Rgb;
@@ -188,12 +188,13 @@ const RING: [(i32, i32); 12] = [
     (2, 2),
 ];
 
-/// Looks cells of one surface up and remembers the tile entry it found last.
+/// Looks cells of one surface up and remembers the tile it found last.
 struct Lookup<'a> {
     map: &'a TileMap<'a>,
     surface: SurfaceId,
     sense: Sense,
-    tile: Option<((u32, u32), Option<crate::format::tiles::TileEntry<'a>>)>,
+    /// First cell of that tile, and what the surface shows in it.
+    tile: Option<(Cell, Option<Seen<'a>>)>,
 }
 
 impl Cells for Lookup<'_> {
@@ -202,17 +203,20 @@ impl Cells for Lookup<'_> {
         if i < 0 || j < 0 || i > last || j > last {
             return None;
         }
-        let cell = Cell { i: i as u32, j: j as u32 };
-        let tile = (cell.i / self.map.tile_edge(), cell.j / self.map.tile_edge());
-        let entry = match self.tile {
-            Some((t, entry)) if t == tile => entry,
+        let (i, j, m) = (i as u32, j as u32, self.map.tile_edge());
+        // Without a division: most cells are in the tile of the one before.
+        let is_in = |first: Cell| i.wrapping_sub(first.i) < m && j.wrapping_sub(first.j) < m;
+        let (first, seen) = match self.tile {
+            Some((first, seen)) if is_in(first) => (first, seen),
             _ => {
-                let entry = self.map.entry(cell, self.surface);
-                self.tile = Some((tile, entry));
-                entry
+                let entry = self.map.entry(Cell { i, j }, self.surface);
+                let seen = entry.map(|entry| entry.seen(self.sense));
+                let first = Cell { i: i - i % m, j: j - j % m };
+                self.tile = Some((first, seen));
+                (first, seen)
             }
         };
-        entry?.radiance(cell, self.sense)
+        seen?.radiance((j - first.j) * m + (i - first.i))
     }
 }
 

@@ -74,6 +74,8 @@ pub mod paths;
 
 pub mod gather;
 
+pub mod textured;
+
 pub mod field;
 
 pub mod bake;

@@ -12,6 +12,7 @@ use tempfile::TempDir;
 use vlf::field::storage::Storage;
 use vlf::field::storage::disk::Disk;
 use vlf::format::container::Codec;
+use vlf::look::image::read_exr;
 use vlf::pack::pack;
 
 const USAGE: i32 = 2;
@@ -448,18 +449,60 @@ fn json_is_one_object_and_nothing_else() {
     assert!(compared.as_object().unwrap().values().any(|v| v.as_f64() == Some(0.0)), "{compared}");
 }
 
+/// A probe says what the one pixel of a picture shows whose ray it is.
+#[test]
+fn a_probe_says_what_a_pixel_shows() {
+    let baked = Baked::new(&scene("cornell_mirror"), &parameters(129, 32, 2));
+    let folder = &baked.folder;
+    let out = baked.path.with_extension("vlf");
+    pack(&baked.path, &out, Codec::Planes, &|_| {}).unwrap();
+    let pack = out.to_str().unwrap();
+    let mut materials = Vec::new();
+    for target in ["0,0.2,0", "-0.9,1,0.1", "0.9,0.7,-0.4", "0.1,1.98,0.1"] {
+        let ray = ["--eye", "0,1,0.9", "--target", target];
+        let output = vlf(folder).args(["probe", pack, "--json"]).args(ray).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        materials.push(said["material"].to_string());
+        let text = vlf(folder).args(["probe", pack]).args(ray).output().unwrap().stdout;
+        let text = String::from_utf8(text).unwrap();
+        for method in ["field", "trace"] {
+            let picture = folder.path().join("one.exr");
+            let args = ["render", pack, "--method", method, "--size", "1x1", "--samples", "1"];
+            let out = ["-o", picture.to_str().unwrap()];
+            vlf(folder).args(args).args(out).args(ray).assert().success();
+            let pixel = read_exr(&picture).unwrap().pixels[0];
+            for (channel, shown) in pixel.0.iter().enumerate() {
+                let found = said[method][channel].as_f64().unwrap();
+                let near = (found - f64::from(*shown)).abs() <= 1e-3 * f64::from(*shown) + 1e-6;
+                assert!(near, "{target}, {method}: {said}, not {pixel:?}");
+            }
+            assert!(text.contains(&format!("{method}  {:.3}", pixel.0[0])[..10]), "{text}");
+        }
+    }
+    materials.sort();
+    materials.dedup();
+    assert!(materials.len() > 1, "{materials:?}");
+    let args = ["probe", pack, "--eye", "0,1,9", "--target", "0,1,10"];
+    let output = vlf(folder).args(args).output().unwrap();
+    assert!(String::from_utf8(output.stdout).unwrap().contains("meets no surface"));
+    let same = ["probe", pack, "--eye", "0,1,0", "--target", "0,1,0"];
+    refused(folder, &same, USAGE, &["the same place"]);
+}
+
 #[test]
 fn help_names_every_command() {
     let folder = TempDir::new().unwrap();
     let output = vlf(&folder).arg("--help").output().unwrap();
     assert!(output.status.success());
     let said = String::from_utf8(output.stdout).unwrap();
-    for command in
-        ["demo", "bake", "info", "verify", "render", "compare", "scene", "vlf-pack", "vlf-view"]
-    {
+    for command in [
+        "demo", "bake", "info", "verify", "render", "probe", "compare", "scene", "vlf-pack",
+        "vlf-view",
+    ] {
         assert!(said.contains(command), "no `{command}` in {said}");
     }
-    for command in ["demo", "bake", "info", "verify", "render", "compare", "scene"] {
+    for command in ["demo", "bake", "info", "verify", "render", "probe", "compare", "scene"] {
         vlf(&folder).args([command, "--help"]).assert().success();
     }
     vlf(&folder).arg("--version").assert().success();

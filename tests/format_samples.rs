@@ -16,14 +16,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use twox_hash::{XxHash3_64, XxHash3_128};
 use vlf::bake::{self, Options, Outcome};
 use vlf::field::Terms;
+use vlf::field::storage::disk::Disk;
 use vlf::format::container::{
     self, ChunkKind, Codec, Directory, ENTRY, FIRST_BLOCK, FileKind, Header,
 };
 use vlf::format::limits::Limits;
 use vlf::format::manifest::{Manifest, Phase, Statistics, record_from_bytes};
-use vlf::format::tiles::{Layout, TileMap};
+use vlf::format::tiles::{Layout, TileMap, to_planes};
 use vlf::format::{Fault, FormatError};
 use vlf::look::lightfield::LookError;
+use vlf::pack::{Diffuse, Options as PackOptions};
 use vlf::scene::{stored, texels};
 use vlf::{LightField, Parameters, Rgb, Scene, Specular, SurfaceId, Transfer};
 
@@ -45,7 +47,7 @@ newmtl mirror\nillum 3\nKd 0 0 0\nKs 0.9 0.9 0.9
 
 /// The sound samples, and whether two makings are the same byte for byte. In the others only what
 /// they hold is: a compressor may find another frame for it, and a manifest says how long it took.
-const SOUND: [(&str, bool); 8] = [
+const SOUND: [(&str, bool); 11] = [
     ("manifest", false),
     ("scene", false),
     ("textures", false),
@@ -54,7 +56,14 @@ const SOUND: [(&str, bool); 8] = [
     ("total.tiles", true),
     ("raw.vlf", true),
     ("zstd.vlf", false),
+    ("planes.vlf", false),
+    ("textured.vlf", false),
+    ("mirrors.vlf", false),
 ];
+
+/// The packs that hold all of the field, and those that leave something to the texture map.
+const LOSSLESS: [&str; 3] = ["raw.vlf", "zstd.vlf", "planes.vlf"];
+const OTHERS: [&str; 2] = ["textured.vlf", "mirrors.vlf"];
 
 /// A damaged sample: its name, the sound one that it is made from, how, and what a reader must say.
 struct Damage {
@@ -64,7 +73,7 @@ struct Damage {
     fault: fn(&Fault) -> bool,
 }
 
-const DAMAGED: [Damage; 20] = [
+const DAMAGED: [Damage; 23] = [
     Damage {
         name: "flipped-bit-in-first-block.tiles",
         from: "total.tiles",
@@ -181,6 +190,28 @@ const DAMAGED: [Damage; 20] = [
         fault: |f| matches!(f, Fault::Invalid(what) if what.contains("another size")),
     },
     Damage {
+        name: "planes-of-another-length.vlf",
+        from: "planes.vlf",
+        make: |b| sealing::rebuilt(b, &|chunks| chunks[3].bytes = EMPTY_FRAME.to_vec()),
+        fault: |f| matches!(f, Fault::Invalid(what) if what.contains("bytes wanted")),
+    },
+    Damage {
+        name: "textured-mirror.vlf",
+        from: "raw.vlf",
+        make: |b| {
+            sealing::rebuilt(b, &|chunks| {
+                assert!(chunks[3..].iter_mut().any(|map| texture_a_slot(&mut map.bytes, 2)));
+            })
+        },
+        fault: |f| matches!(f, Fault::Invalid(what) if what.contains("a mirror")),
+    },
+    Damage {
+        name: "textured.tiles",
+        from: "total.tiles",
+        make: |b| sealing::rebuilt(b, &|chunks| assert!(texture_a_slot(&mut chunks[0].bytes, 0))),
+        fault: |f| matches!(f, Fault::Invalid(what) if what.contains("none of dark, constant")),
+    },
+    Damage {
         name: "overlap.vlf",
         from: "raw.vlf",
         make: |b| with_chunk_moved(b, 4, -64),
@@ -210,6 +241,20 @@ fn resealed(bytes: &[u8], edit: impl FnOnce(&mut [u8])) -> Vec<u8> {
 
 /// A zstd frame of no bytes, which says so.
 const EMPTY_FRAME: [u8; 9] = [0x28, 0xb5, 0x2f, 0xfd, 0x20, 0, 1, 0, 0];
+
+/// Says of a tile map's first dark slot of a surface that it is textured, if it has one.
+fn texture_a_slot(map: &mut [u8], surface: u32) -> bool {
+    let [n, entries] = [0, 8].map(|at| number(&map[at..at + 4]) as usize);
+    let surfaces = (16 + 4 * (n * n + 1)).next_multiple_of(8);
+    let values = (surfaces + 4 * entries).next_multiple_of(8);
+    let states = values + 8 * entries;
+    let of = |slot: usize| number(&map[surfaces + 4 * (slot / 2)..][..4]) as u32;
+    let slot = (0..2 * entries).find(|slot| of(*slot) == surface && map[states + slot] == 0);
+    if let Some(slot) = slot {
+        map[states + slot] = 3;
+    }
+    slot.is_some()
+}
 
 /// Where the first byte of padding is.
 fn padding(file: &[u8]) -> usize {
@@ -328,11 +373,13 @@ fn made() -> &'static HashMap<&'static str, Vec<u8>> {
         let (field, half) = (folder.path().join("tiny.field"), folder.path().join("half.field"));
         assert_eq!(bake_tiny(&field, None), Outcome::Finished);
         assert_eq!(bake_tiny(&half, Some(1)), Outcome::Stopped);
-        let pack = |codec| {
+        let pack = |options| {
             let out = folder.path().join("tiny.vlf");
-            vlf::pack::pack(&field, &out, codec, &|_| ()).unwrap();
+            vlf::pack::pack_from(&Disk::new(&field), &out, &options, &|_| ()).unwrap();
             fs::read(out).unwrap()
         };
+        let exact = |codec| pack(PackOptions::exact(codec));
+        let lossy = PackOptions { max_error: 0.01, ..PackOptions::exact(Codec::Planes) };
         let read = |path: PathBuf| fs::read(path).unwrap();
         HashMap::from([
             ("manifest", read(half.join("manifest-1"))),
@@ -341,8 +388,11 @@ fn made() -> &'static HashMap<&'static str, Vec<u8>> {
             ("sums", read(half.join("sums-00000003"))),
             ("unshot.tiles", read(half.join("unshot-0001/000000.tiles"))),
             ("total.tiles", read(field.join("total/000000.tiles"))),
-            ("raw.vlf", pack(Codec::Raw)),
-            ("zstd.vlf", pack(Codec::Zstd)),
+            ("raw.vlf", exact(Codec::Raw)),
+            ("zstd.vlf", exact(Codec::Zstd)),
+            ("planes.vlf", exact(Codec::Planes)),
+            ("textured.vlf", pack(lossy)),
+            ("mirrors.vlf", pack(PackOptions { diffuse: Diffuse::Texture, ..lossy })),
         ])
     })
 }
@@ -401,7 +451,9 @@ fn expected(files: &HashMap<&'static str, Vec<u8>>) -> Value {
         })
         .collect();
     let (header, _) = contents(&files["raw.vlf"]);
+    let other = |name| (name, looked_up(&open_pack(&files[name]).unwrap()));
     json!({
+        "others": HashMap::from(OTHERS.map(other)),
         "field": hex(&header.field),
         "digest": hex(&field.manifest.digest),
         "exponent": header.exponent,
@@ -483,8 +535,15 @@ fn write_seeds() {
                 ChunkKind::Unshot | ChunkKind::Arrived | ChunkKind::Total => "tile",
                 _ => continue,
             };
-            fs::create_dir_all(seeds.join(target)).unwrap();
-            fs::write(seeds.join(target).join(format!("{name}-{place}")), bytes).unwrap();
+            let write = |target: &str, bytes: &[u8]| {
+                fs::create_dir_all(seeds.join(target)).unwrap();
+                fs::write(seeds.join(target).join(format!("{name}-{place}")), bytes).unwrap();
+            };
+            write(target, &bytes);
+            if target == "tile" && name != "raw.vlf" {
+                let layout = Layout::check(&bytes, 8, 4, 3, 0).unwrap();
+                write("planes", &to_planes(&TileMap::new(&bytes, &layout)));
+            }
         }
     }
 }
@@ -496,12 +555,26 @@ fn sound_samples_say_what_is_expected() {
     // Through text, so that both went through one parser.
     let says: Value = serde_json::from_str(&expected(&kept).to_string()).unwrap();
     assert_eq!(says, said);
-    let (raw, zstd) = (open_pack(&kept["raw.vlf"]).unwrap(), open_pack(&kept["zstd.vlf"]).unwrap());
-    assert_eq!(looked_up(&raw), looked_up(&zstd));
+    let (raw_header, _) = contents(&kept["raw.vlf"]);
+    let packs = LOSSLESS.map(|name| open_pack(&kept[name]).unwrap());
+    let raw = &packs[0];
+    packs.iter().for_each(|pack| assert_eq!(looked_up(raw), looked_up(pack)));
+    let is_textured = |(id, map): &(container::ChunkId, Vec<u8>)| {
+        let layout = || Layout::check_packed(map, (8, 4), 3, raw_header.exponent);
+        id.kind == ChunkKind::Total && layout().unwrap().is_textured()
+    };
+    assert!(contents(&kept["textured.vlf"]).1.iter().any(is_textured));
+    // Off by what was asked for, and mirrors by as much.
+    let textured = looked_up(&open_pack(&kept["textured.vlf"]).unwrap());
+    assert!(textured != looked_up(raw));
+    for (found, true_) in textured.iter().zip(looked_up(raw)) {
+        let near = |c: usize| (found[c] - true_[c]).abs() <= 0.0101 * true_[0].max(true_[2]);
+        assert!((0..3).all(near), "{found:?}, not {true_:?}");
+    }
     // What the scene alone decides: the lamp shines 8 8 6 from its front, to within f16.
-    let lamp = looked_up(&raw)[4];
+    let lamp = looked_up(raw)[4];
     assert!((lamp[0] - 8.0).abs() < 0.01 && (lamp[2] - 6.0).abs() < 0.01, "{lamp:?}");
-    assert!(looked_up(&raw)[0].iter().all(|c| *c > 0.1), "the floor is dark");
+    assert!(looked_up(raw)[0].iter().all(|c| *c > 0.1), "the floor is dark");
 
     let (_, manifest) =
         Manifest::from_file("manifest", &kept["manifest"], &Limits::default()).unwrap();
@@ -537,7 +610,8 @@ fn identity_and_digest_are_as_specified() {
     // A tile file's chunk has its own hash, which the pack's has too when it is stored alike.
     let tiles = sample("total.tiles");
     let directory = Directory::parse(&tiles, tiles.len() as u64, &Limits::default()).unwrap();
-    let entry = Directory::parse(&pack, pack.len() as u64, &Limits::default()).unwrap().entries[3];
+    let packed = Directory::parse(&pack, pack.len() as u64, &Limits::default()).unwrap();
+    let entry = packed.find(ChunkKind::Total, 0).unwrap();
     assert_eq!(directory.entries[0].hash, entry.hash);
     let mut seed = header.field.to_vec();
     seed.extend(8u32.to_le_bytes());
@@ -568,7 +642,7 @@ fn read_all(name: &str, bytes: &[u8]) -> Result<(), FormatError> {
 #[test]
 fn damaged_samples_are_refused_for_the_right_reason() {
     let text = fs::read_to_string(spec().join("README.md")).unwrap();
-    for name in ["total.tiles", "unshot.tiles", "raw.vlf", "zstd.vlf"] {
+    for name in { ["total.tiles", "unshot.tiles"].iter() }.chain(&LOSSLESS).chain(&OTHERS) {
         read_all(name, &sample(name)).unwrap();
     }
     for damage in &DAMAGED {
@@ -633,8 +707,8 @@ fn the_first_block_is_as_specified() {
                     assert_eq!(bytes, h.field);
                     continue;
                 }
-                "minor version" | "required to read" | "required to write" | "optional"
-                | "reserved" => {
+                "optional" => u64::from(name == "mirrors.vlf"),
+                "minor version" | "required to read" | "required to write" | "reserved" => {
                     assert!(bytes.iter().all(|b| *b == 0), "{name}: {field}");
                     continue;
                 }

@@ -48,6 +48,7 @@ fn chunks_are_found_beyond_four_gibibytes() {
         generation: 0,
         direction: NO_DIRECTION,
         required_to_write: 0,
+        optional: 0,
     };
     let id = |kind, direction| ChunkId { kind, cycle: 1, direction };
     let mut writer = ContainerWriter::new(Sparse(File::create(&path).unwrap()), header, 8).unwrap();

@@ -7,7 +7,7 @@ mod source;
 use std::fs;
 
 /// The data's way through the library. `lib.rs` lists those that exist in this order.
-const ORDER: [&str; 16] = [
+const ORDER: [&str; 17] = [
     "radiance",
     "ids",
     "directions",
@@ -17,6 +17,7 @@ const ORDER: [&str; 16] = [
     "visible",
     "paths",
     "gather",
+    "textured",
     "field",
     "bake",
     "pack",
@@ -28,13 +29,14 @@ const ORDER: [&str; 16] = [
 
 /// `(importer, imported)`: the reading side does not know how a field is made, the file does not
 /// know what its bytes mean, and light is gathered from whatever holds it.
-const APART: [(&str, &str); 9] = [
+const APART: [(&str, &str); 10] = [
     ("look", "field"),
     ("look", "bake"),
     ("look", "pack"),
     ("look", "plan"),
     ("format", "scene"),
     ("format", "gather"),
+    ("format", "textured"),
     ("format", "field"),
     ("format", "bake"),
     ("gather", "field"),

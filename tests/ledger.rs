@@ -87,7 +87,7 @@ fn nothing_stored_is_negative_or_not_a_number() {
         assert!(field.total.iter().all(|v| v.is_physical()), "{name}: texture maps");
         let (mut values, mut brightest) = (0, 0.0f32);
         for direction in 0..33 {
-            field.map(direction).unwrap().for_each(|surface, cell, radiance| {
+            field.map(direction).unwrap().tiles().for_each(|surface, cell, radiance| {
                 values += 1;
                 for v in radiance {
                     assert!(v.is_physical(), "{name}: {v:?} on {surface:?} in {cell:?}");

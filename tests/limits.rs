@@ -89,7 +89,8 @@ fn a_good_field_and_its_pack_are_refused_below_their_figures_and_not_at_them() {
             }
         }
         let out = baked.path.with_extension("again");
-        let packed = vlf::pack::pack_from(&disk(below), &out, Codec::Raw, &|_| ());
+        let options = vlf::pack::Options::exact(Codec::Raw);
+        let packed = vlf::pack::pack_from(&disk(below), &out, &options, &|_| ());
         names_flag(packed.expect_err(flag).to_string());
     }
 }

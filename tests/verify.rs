@@ -20,11 +20,11 @@ use vlf::field::storage::disk::Disk;
 use vlf::field::storage::memory::Memory;
 use vlf::field::storage::{Input, Lock, LockError, Output, Storage};
 use vlf::field::{FieldError, read_manifest};
-use vlf::format::container::{Codec, Directory};
+use vlf::format::container::{ChunkKind, Codec, Directory, NO_DIRECTION};
 use vlf::format::limits::Limits;
 use vlf::format::manifest::{Manifest, Phase};
 use vlf::look::render::method::{mark, take_tolerant};
-use vlf::pack::pack;
+use vlf::pack::{Diffuse, Options as PackOptions, pack, pack_from};
 use vlf::verify::{self, Report, Trouble};
 use vlf::{LightField, Method, Outcome, Parameters, Visible};
 
@@ -147,9 +147,15 @@ fn is_sound_at_any_stop(parameters: &Parameters) {
 #[test]
 fn sound_packs_are_sound() {
     let (folder, field) = patient();
-    for (codec, name) in [(Codec::Raw, "raw.vlf"), (Codec::Zstd, "zstd.vlf")] {
+    let lossy = PackOptions { max_error: 0.01, ..PackOptions::exact(Codec::Planes) };
+    for (options, name) in [
+        (PackOptions::exact(Codec::Raw), "raw.vlf"),
+        (PackOptions::exact(Codec::Zstd), "zstd.vlf"),
+        (lossy, "planes.vlf"),
+        (PackOptions { diffuse: Diffuse::Texture, ..lossy }, "mirrors.vlf"),
+    ] {
         let path = folder.path().join(name);
-        pack(&field, &path, codec, &|_| ()).unwrap();
+        pack_from(&Disk::new(&field), &path, &options, &|_| ()).unwrap();
         let report = verify::pack(&path, &Limits::default(), &|_| ()).unwrap();
         assert!(report.is_sound(), "{name}: {:?}", report.findings);
         assert_eq!((report.files, report.chunks), (1, 3 + 33));
@@ -172,8 +178,13 @@ fn a_damaged_chunk_of_a_pack_is_named_and_hides_no_other() {
     let good = fs::read(&path).unwrap();
     let directory = Directory::parse(&good, good.len() as u64, &Limits::default()).unwrap();
     let mut bad = good.clone();
-    for chunk in [0, 2, 3 + 7, 3 + 32] {
-        bad[directory.entries[chunk].offset as usize + 20] ^= 1;
+    for (kind, direction) in [
+        (ChunkKind::Record, NO_DIRECTION),
+        (ChunkKind::TotalTexture, NO_DIRECTION),
+        (ChunkKind::Total, 7),
+        (ChunkKind::Total, 32),
+    ] {
+        bad[directory.find(kind, direction).unwrap().offset as usize + 20] ^= 1;
     }
     fs::write(&path, &bad).unwrap();
     found(
@@ -630,12 +641,23 @@ fn lies_with_sound_hashes_are_found() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("lie.vlf");
     let lies: &[(Lie, &str)] = &[
-        (&|c| c[3 + 2].bytes[12] ^= 1, "total map of direction 2: tile map"),
+        (&|c| map_of(c, 2).bytes[12] ^= 1, "total map of direction 2: tile map"),
         (&|c| c[2].bytes[3] = 0xbf, "total texture map: texture map: a radiance"),
         (&|c| c[0].bytes[0] ^= 1, "record: its identity"),
         (&|c| drop(c.pop()), "holds 11 chunks, not 12"),
         (&|c| c.swap(3, 4), "another chunk"),
     ];
+    // A file that says that it has no diffuse surfaces in its maps, and has.
+    let mut left_out = good.clone();
+    left_out[32] = 1;
+    sealing::seal_head(&mut left_out).unwrap();
+    let mirror = fs::read(samples.join("damaged/textured-mirror.vlf")).unwrap();
+    for (bytes, word) in [(left_out, "that was left out"), (mirror, "a mirror, or a surface on")] {
+        fs::write(&path, bytes).unwrap();
+        let report = verify::pack(&path, &Limits::default(), &|_| ()).unwrap();
+        let said: Vec<_> = report.findings.iter().map(ToString::to_string).collect();
+        assert!(said.iter().any(|s| s.contains(word)), "{word}: {said:?}");
+    }
     for (lie, word) in lies {
         fs::write(&path, rebuilt(&good, lie)).unwrap();
         // Some lies are told by the directory already.
@@ -647,6 +669,11 @@ fn lies_with_sound_hashes_are_found() {
             Err(error) => assert_eq!(vlf::exit::code(&error), vlf::exit::CORRUPT, "{error}"),
         }
     }
+}
+
+/// The map of a line among a pack's chunks.
+fn map_of(chunks: &mut [Chunk], line: u32) -> &mut Chunk {
+    chunks.iter_mut().find(|chunk| chunk.id[8..] == line.to_le_bytes()).unwrap()
 }
 
 /// Says of all sums that no line was added to them.

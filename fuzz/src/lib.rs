@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use vlf::format::container::{ChunkKind, Directory, FIRST_BLOCK, Header};
 use vlf::format::limits::Limits;
 use vlf::format::manifest::{Manifest, record_from_bytes, record_to_bytes};
-use vlf::format::tiles::{Layout, TileMap};
+use vlf::format::tiles::{Layout, TileMap, from_planes, to_planes};
 use vlf::scene::{Fit, stored as stored_scene};
 use vlf::{Camera, Cell, LightField, Scene, Sense, SurfaceId};
 
@@ -21,9 +21,10 @@ use vlf::{Camera, Cell, LightField, Scene, Sense, SurfaceId};
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All targets.
-pub const TARGETS: [Target; 7] = [
+pub const TARGETS: [Target; 8] = [
     ("header", header),
     ("tile", tile),
+    ("planes", planes),
     ("manifest", manifest),
     ("stored", stored),
     ("pack", pack),
@@ -88,6 +89,29 @@ pub fn tile(data: &[u8]) {
     if let Some((map, resolution, m)) = mended(data) {
         let layout = Layout::check(&map, resolution, m, u32::MAX, exponent);
         look_at_all(&TileMap::new(&map, &layout.expect("the tables agree")), resolution);
+    }
+}
+
+/// Planes of a tile map, for the length that their own numbers give and one that they do not. What
+/// comes of them, if it is a map, comes again of its planes.
+pub fn planes(data: &[u8]) {
+    let number = |at: usize| data.get(at..at + 4).map_or(0, sealing::number);
+    let [n, m, entries, values] = [0, 4, 8, 12].map(number);
+    let table = |size: u64| size.next_multiple_of(8);
+    let (Some(tiles), Some(cells)) = (n.checked_mul(n), m.checked_mul(m)) else { return };
+    if tiles.max(cells).max(entries).max(values) > 1 << 20 {
+        return;
+    }
+    let tables =
+        table(16 + 4 * (tiles + 1)) + table(4 * entries) + 8 * entries + table(2 * entries);
+    let raw = table(tables + 8 * cells.div_ceil(64) * entries + 6 * values);
+    assert!(from_planes(data, raw + 8).is_err());
+    let Ok(map) = from_planes(data, raw) else { return };
+    assert_eq!(map.len() as u64, raw);
+    let (resolution, tile) = ((n * m) as u32, m as u32);
+    if let Ok(layout) = Layout::check_packed(&map, (resolution, tile), u32::MAX, 0) {
+        let again = to_planes(&TileMap::new(&map, &layout));
+        assert_eq!(from_planes(&again, raw).as_ref(), Ok(&map));
     }
 }
 
@@ -185,7 +209,8 @@ pub fn pack(data: &[u8]) {
         let Ok(field) = LightField::open(&path) else { continue };
         for direction in 0..field.directions.len() as u32 {
             if let Ok(map) = field.map(direction) {
-                map.for_each(|_, _, both| assert!(both.iter().all(|rgb| rgb.is_physical())));
+                map.tiles()
+                    .for_each(|_, _, both| assert!(both.iter().all(|rgb| rgb.is_physical())));
             }
         }
         for id in field.scene.surface_ids().take(8) {

@@ -48,6 +48,8 @@ pub enum Command {
     Verify(Verify),
     /// Take a picture of a field or pack
     Render(Render),
+    /// Say what radiance comes back along one ray, by both methods
+    Probe(Probe),
     /// Compare two pictures: RMSE, relMSE, mean ratio
     Compare(Compare),
     /// Write a bundled scene, or the paper's field of boxes, as OBJ and MTL
@@ -235,12 +237,35 @@ pub struct Render {
     /// never map
     #[arg(long)]
     pub no_map: bool,
+    /// Memory that decoded maps may take
+    #[arg(long, default_value = "1GiB")]
+    pub memory: ByteSize,
     /// Exposure of a PNG in EV (powers of two) [default: from the picture]
     #[arg(long, value_name = "EV", allow_hyphen_values = true)]
     pub exposure: Option<f32>,
     /// Threads
     #[arg(long)]
     pub threads: Option<usize>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub limits: Limits,
+}
+
+#[derive(Args)]
+pub struct Probe {
+    /// A finished field directory or a pack
+    pub field: PathBuf,
+    /// Where the ray begins, in the scene's units
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub eye: Triple,
+    /// What it goes through
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub target: Triple,
+    /// Read a pack piece by piece instead of mapping it
+    #[arg(long)]
+    pub no_map: bool,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,

@@ -45,7 +45,7 @@ pub fn run(a: &args::Demo) -> anyhow::Result<u8> {
     let report = vlf::pack::pack(&field, &packed, Codec::Zstd, &|part| bar.part(part))?;
     let seconds = bar.end().as_secs_f64();
     let size = |b: u64| ByteSize::b(b).display().iec().to_string();
-    let (from, to) = (size(report.scene.0 + report.maps.0), size(report.bytes));
+    let (from, to) = (size(report.whole().before), size(report.bytes));
     tell(&format!("packed {from} into {}: {to}, {seconds:.1} s", packed.display()));
 
     let field = LightField::open(&packed)?;

@@ -7,6 +7,7 @@ mod demo;
 mod group;
 mod info;
 mod plan;
+mod probe;
 mod progress;
 mod render;
 mod scene;
@@ -32,6 +33,7 @@ pub fn run() -> ExitCode {
         args::Command::Info(a) => info::run(&a),
         args::Command::Verify(a) => verify::run(&a),
         args::Command::Render(a) => render::run(&a),
+        args::Command::Probe(a) => probe::run(&a),
         args::Command::Compare(a) => compare::run(&a),
         args::Command::Scene(a) => scene::run(&a),
     };

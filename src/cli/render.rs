@@ -30,6 +30,7 @@ pub fn run(a: &args::Render) -> anyhow::Result<u8> {
     may_replace(&a.output, kind)?;
     let access = if a.no_map { Access::Read } else { Access::Mapped };
     let field = LightField::open_within(&a.field, access, &a.limits)?;
+    let field = field.with_memory(a.memory.as_u64());
     let visible = Visible::new(&field.scene);
     check_eye(&field, &visible, &camera)?;
     let options = (a.method.into(), Options { samples: a.samples });

@@ -18,9 +18,12 @@
 use super::bytes::{Reader, Writer};
 use super::limits::{self, Limits};
 use super::{Fault, FormatError, READS_MAJOR, room_for, tiles};
+use crate::directions::paging;
+use crate::ids::DirectionId;
 use std::borrow::Cow;
 use std::hash::Hasher;
 use std::io::{self, Seek, SeekFrom, Write};
+use std::ops::RangeInclusive;
 use twox_hash::XxHash3_64;
 
 /// Non-ASCII first, then CR LF, ^Z, LF: a text-mode transfer damages it in a way that is seen.
@@ -93,6 +96,8 @@ pub enum Codec {
     Raw = 0,
     /// One zstd frame.
     Zstd = 1,
+    /// A tile map's planes ([`tiles::to_planes`]) in one zstd frame.
+    Planes = 2,
 }
 
 fn chunk_kind(v: u32) -> Result<ChunkKind, Fault> {
@@ -138,7 +143,13 @@ pub struct Header {
     /// Features without which the file must not be changed, as it states them. This version has none,
     /// writes 0 and leaves files alone in which a bit is set: [`Header::check_writable`].
     pub required_to_write: u64,
+    /// Optional features, as it states them; unknown ones mean nothing.
+    pub optional: u64,
 }
+
+/// The optional feature of a pack whose tile maps have no entries of diffuse surfaces: their radiance is
+/// the texture map's, where whoever finds no entry looks anyway.
+pub const DIFFUSE_LEFT_OUT: u64 = 1;
 
 /// A chunk's place in the order of things; its hash is bound to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -227,7 +238,7 @@ impl ChunkHasher {
     }
 }
 
-/// Encodes bytes with a codec.
+/// Encodes bytes with a codec; for [`Codec::Planes`] they are a map's planes.
 ///
 /// # Errors
 /// When the compressor fails for want of memory.
@@ -235,6 +246,7 @@ pub fn encode<'a>(codec: Codec, raw: &'a [u8]) -> io::Result<Cow<'a, [u8]>> {
     Ok(match codec {
         Codec::Raw => Cow::Borrowed(raw),
         Codec::Zstd => Cow::Owned(zstd::bulk::compress(raw, 3)?),
+        Codec::Planes => Cow::Owned(zstd::bulk::compress(raw, 3)?),
     })
 }
 
@@ -247,32 +259,46 @@ pub fn decode<'a>(
     entry: &ChunkEntry,
     stored: &'a [u8],
 ) -> Result<Cow<'a, [u8]>, Fault> {
-    let name = || entry.id.to_string();
     if stored.len() as u64 != entry.stored || chunk_hash(field, entry.id, stored) != entry.hash {
-        return Err(Fault::Checksum { what: name(), offset: entry.offset });
+        return Err(Fault::Checksum { what: entry.id.to_string(), offset: entry.offset });
     }
-    match entry.codec {
+    unencoded(entry.codec, entry.raw, stored).map_err(|fault| match fault {
+        Fault::Invalid(what) => Fault::invalid(format!("{}: {what}", entry.id)),
+        other => other,
+    })
+}
+
+/// Decodes what [`encode`] has made of a chunk of `raw` bytes (for [`Codec::Planes`]: of a map).
+///
+/// # Errors
+/// A damaged frame, or another length.
+pub fn unencoded(codec: Codec, raw: u64, stored: &[u8]) -> Result<Cow<'_, [u8]>, Fault> {
+    match codec {
         Codec::Raw => Ok(Cow::Borrowed(stored)),
-        Codec::Zstd => {
-            // `raw` is bounded by what the directory was checked against; the one frame must declare
-            // the same size, so that its own header cannot ask for more.
-            if !stored.starts_with(&FRAME_MAGIC) {
-                return Err(Fault::invalid(format!("{}: not a zstd frame", name())));
-            }
-            let declared = zstd::zstd_safe::get_frame_content_size(stored).ok().flatten();
-            let frame = zstd::zstd_safe::find_frame_compressed_size(stored).ok();
-            if declared != Some(entry.raw) || frame != Some(stored.len()) {
-                return Err(Fault::invalid(format!("{}: its frame has another size", name())));
-            }
-            let bad = |e: io::Error| Fault::invalid(format!("{}: {e}", name()));
-            let mut raw: Vec<u8> = room_for(entry.raw, name)?;
-            let mut decompressor = zstd::bulk::Decompressor::new().map_err(bad)?;
-            decompressor.decompress_to_buffer(stored, &mut raw).map_err(bad)?;
-            if raw.len() as u64 != entry.raw {
-                return Err(Fault::invalid(format!("{}: decodes to another length", name())));
-            }
-            Ok(Cow::Owned(raw))
-        }
+        Codec::Zstd => unpacked(stored, raw..=raw).map(Cow::Owned),
+        // Planes are never longer than what they were made from.
+        Codec::Planes => tiles::from_planes(&unpacked(stored, 0..=raw)?, raw).map(Cow::Owned),
+    }
+}
+
+/// What the one frame holds that a chunk's stored bytes must be, if its length is one of `lengths`.
+fn unpacked(stored: &[u8], lengths: RangeInclusive<u64>) -> Result<Vec<u8>, Fault> {
+    if !stored.starts_with(&FRAME_MAGIC) {
+        return Err(Fault::invalid("not a zstd frame"));
+    }
+    // The lengths are bounded by what the directory was checked against; the one frame must declare
+    // its own, so that it cannot ask for more.
+    let declared = zstd::zstd_safe::get_frame_content_size(stored).ok().flatten();
+    let frame = zstd::zstd_safe::find_frame_compressed_size(stored).ok();
+    let declared = declared.filter(|d| lengths.contains(d) && frame == Some(stored.len()));
+    let declared = declared.ok_or_else(|| Fault::invalid("its frame has another size"))?;
+    let bad = |e: io::Error| Fault::invalid(e.to_string());
+    let mut raw: Vec<u8> = room_for(declared, || "a frame".into())?;
+    let mut decompressor = zstd::bulk::Decompressor::new().map_err(bad)?;
+    decompressor.decompress_to_buffer(stored, &mut raw).map_err(bad)?;
+    match raw.len() as u64 == declared {
+        true => Ok(raw),
+        false => Err(Fault::invalid("decodes to another length")),
     }
 }
 
@@ -328,6 +354,11 @@ impl Header {
         }
     }
 
+    /// Whether the file is a pack whose tile maps have no entries of diffuse surfaces.
+    pub fn leaves_diffuse_out(&self) -> bool {
+        self.kind == FileKind::Pack && self.optional & DIFFUSE_LEFT_OUT != 0
+    }
+
     /// Whether the file is the one of this field, generation and direction, and no sound file that
     /// belongs elsewhere.
     ///
@@ -354,10 +385,10 @@ impl Header {
         w.u32(SENTINEL);
         w.u16(READS_MAJOR);
         w.u16(MINOR);
-        // Features required to read, required to write, and optional: none so far.
+        // Features required to read, and to write: none so far.
         w.u64(0);
         w.u64(0);
-        w.u64(0);
+        w.u64(self.optional);
         w.u32(self.kind as u32);
         w.u32(self.directions);
         w.u32(self.resolution);
@@ -411,8 +442,7 @@ impl Header {
             return Err(Fault::Feature(required.trailing_zeros()));
         }
         let required_to_write = r.u64()?;
-        // Optional features may be ignored.
-        r.u64()?;
+        let optional = r.u64()?;
         let kind = file_kind(r.u32()?)?;
         let directions = limits.check_directions(r.u32()?)?;
         let resolution = limits.check_resolution(r.u32()?)?;
@@ -448,6 +478,7 @@ impl Header {
             generation,
             direction,
             required_to_write,
+            optional,
         };
         Ok((header, chunks, directory_hash))
     }
@@ -473,6 +504,7 @@ impl ChunkEntry {
         let codec = match r.u32()? {
             0 => Codec::Raw,
             1 => Codec::Zstd,
+            2 if kind == ChunkKind::Total && header.kind == FileKind::Pack => Codec::Planes,
             c => return Err(Fault::invalid(format!("unknown codec {c}"))),
         };
         let (offset, stored, raw, hash) = (r.u64()?, r.u64()?, r.u64()?, r.u64()?);
@@ -516,7 +548,13 @@ impl ChunkEntry {
     }
 
     /// Checks that the chunk is in its file and behind the one before it.
-    fn check_place(&self, header: &Header, before: Option<&ChunkEntry>) -> Result<(), Fault> {
+    /// `next` is whose turn it is among the maps of a pack.
+    fn check_place(
+        &self,
+        header: &Header,
+        before: Option<&ChunkEntry>,
+        next: Option<DirectionId>,
+    ) -> Result<(), Fault> {
         let ChunkId { kind, cycle, direction } = self.id;
         let wrong =
             |what| Err(Fault::invalid(format!("{kind:?} of direction {direction}: {what}")));
@@ -532,7 +570,11 @@ impl ChunkEntry {
             return wrong("its cycle or direction is not its file's");
         }
         // Not twice either.
-        if before.is_some_and(|b| (b.id.kind, b.id.direction) >= (kind, direction)) {
+        let is_in_order = match (header.kind, kind) {
+            (FileKind::Pack, ChunkKind::Total) => next == Some(DirectionId(direction)),
+            _ => before.is_none_or(|b| (b.id.kind, b.id.direction) < (kind, direction)),
+        };
+        if !is_in_order {
             return wrong("the chunks are not in order");
         }
         Ok(())
@@ -586,9 +628,16 @@ impl Directory {
         let mut r = Reader::new(table);
         let mut entries: Vec<ChunkEntry> = room_for(chunks, || "directory".into())?;
         let mut at = end as u64;
+        let order = match header.kind {
+            FileKind::Pack => paging(header.directions).unwrap_or_default(),
+            _ => Vec::new(),
+        };
+        let mut order = order.into_iter();
         for i in 0..chunks {
             let entry = ChunkEntry::parse(&mut r, &header, limits)?;
-            entry.check_place(&header, entries.last())?;
+            let is_packed = entry.id.kind == ChunkKind::Total && header.kind == FileKind::Pack;
+            let next = if is_packed { order.next() } else { None };
+            entry.check_place(&header, entries.last(), next)?;
             if entry.offset != at.next_multiple_of(ALIGN as u64) {
                 return Err(Fault::invalid(format!("chunk {i} is not where the one before ends")));
             }

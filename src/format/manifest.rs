@@ -91,6 +91,12 @@ impl Default for Parameters {
 }
 
 impl Parameters {
+    /// Edge of a texel of the diffuse texture maps, in the fitted scene's units.
+    #[allow(clippy::cast_possible_truncation, reason = "0.1 to 100")]
+    pub fn texel_edge(&self) -> f32 {
+        2.0 / self.resolution as f32 * self.texel_cells as f32
+    }
+
     /// Whether mirrors' maps are written while light is propagated.
     pub fn stores_mirrors(&self) -> bool {
         self.specular == Specular::Maps
@@ -447,5 +453,6 @@ pub fn header(
         generation,
         direction,
         required_to_write: 0,
+        optional: 0,
     }
 }

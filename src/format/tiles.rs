@@ -9,7 +9,8 @@
 //! 16    u32 first[n*n+1]   first entry of each tile, row by row; the last is E      pad to 8
 //!       u32 surface[E]     rising within a tile                                     pad to 8
 //!       u32 value[2 E]     first value of each sense, along before against          pad to 8
-//!       u8  state[2 E]     0 dark, 1 constant, 2 one value a covered cell           pad to 8
+//!       u8  state[2 E]     0 dark, 1 constant, 2 one value a covered cell,
+//!                          3 textured (in packs)                                    pad to 8
 //!       u64 mask[E * ceil(m*m / 64)]   covered cells, row by row, low bit first
 //!       f16 rgb[3 V]       radiance / 2^exponent                                    pad to 8
 //! ```
@@ -26,13 +27,19 @@
 
 mod map;
 
+mod planes;
+
+mod rewrite;
+
 mod write;
 
 #[cfg(test)]
 #[allow(clippy::indexing_slicing, reason = "a panic fails the test")]
 mod tests;
 
-pub use map::{TileEntry, TileMap};
+pub use map::{Seen, TileEntry, TileMap, half_to_f32};
+pub use planes::{from_planes, to_planes};
+pub use rewrite::{Slot, rewritten};
 pub use write::{CoveredCell, TileMapWriter, exponent_for};
 
 use super::Fault;
@@ -43,9 +50,15 @@ use std::ops::Range;
 /// Where the table of tiles begins.
 const FIRST_AT: usize = 16;
 
-const DARK: u8 = 0;
-const CONSTANT: u8 = 1;
-const DATA: u8 = 2;
+/// State of a slot all of whose cells are black.
+pub const DARK: u8 = 0;
+/// State of a slot all of whose cells have one value.
+pub const CONSTANT: u8 = 1;
+/// State of a slot with a value for each covered cell.
+pub const DATA: u8 = 2;
+/// State of a slot, in packs only, whose cells have what the texture map says, see
+/// [`crate::textured`]; it stores nothing.
+pub const TEXTURED: u8 = 3;
 
 /// Where the parts of a tile map stand in its bytes; made by [`Layout::check`] only.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +74,7 @@ pub struct Layout {
     mask_at: usize,
     rgb_at: usize,
     scale: f32,
+    textured: bool,
 }
 
 /// The most bytes that a tile map of a sound first block can have: every surface covers every cell.
@@ -150,11 +164,12 @@ impl Layout {
             mask_at: at(&parts.mask)?,
             rgb_at: at(&parts.rgb)?,
             scale: f64::from(exponent).exp2() as f32,
+            textured: false,
         })
     }
 
     /// Checks the bytes of a tile map: that the tables fit the field's `resolution` and `tile`, are
-    /// in order and agree, and that every radiance is finite and not negative.
+    /// in order and agree, that every radiance is finite and not negative, and that all are there.
     ///
     /// # Errors
     /// The first fault found.
@@ -162,6 +177,24 @@ impl Layout {
         bytes: &[u8],
         resolution: u32,
         tile: u32,
+        surfaces: u32,
+        exponent: i32,
+    ) -> Result<Layout, Fault> {
+        let layout = Layout::check_packed(bytes, (resolution, tile), surfaces, exponent)?;
+        match layout.textured {
+            false => Ok(layout),
+            true => Err(Fault::invalid("tile map: a state is none of dark, constant, data")),
+        }
+    }
+
+    /// The same for a map of a pack, which may leave values to the texture map: then
+    /// [`Layout::is_textured`].
+    ///
+    /// # Errors
+    /// The first fault found.
+    pub fn check_packed(
+        bytes: &[u8],
+        (resolution, tile): (u32, u32),
         surfaces: u32,
         exponent: i32,
     ) -> Result<Layout, Fault> {
@@ -177,7 +210,7 @@ impl Layout {
         let wrong_length = || bad("its length is not the one its tables add up to");
         let parts = parts.ok_or_else(wrong_length)?;
         let layout = Layout::new((n, m), &parts, (entries, values), exponent);
-        let layout = layout.ok_or_else(wrong_length)?;
+        let mut layout = layout.ok_or_else(wrong_length)?;
         if !parts.are_padded_with_zeros(bytes) {
             return Err(bad("its padding is not zero"));
         }
@@ -185,7 +218,13 @@ impl Layout {
         tables.check_tiles(entries).map_err(bad)?;
         tables.check_entries(surfaces, m, values).map_err(bad)?;
         tables.check_radiance().map_err(bad)?;
+        layout.textured = tables.state.contains(&TEXTURED);
         Ok(layout)
+    }
+
+    /// Whether some of its values are the texture map's.
+    pub fn is_textured(&self) -> bool {
+        self.textured
     }
 }
 
@@ -256,10 +295,10 @@ impl<'a> Tables<'a> {
                     return Err("its values are not in order");
                 }
                 expected = expected.saturating_add(match *state {
-                    DARK => 0,
+                    DARK | TEXTURED => 0,
                     CONSTANT => 1,
                     DATA => covered.into(),
-                    _ => return Err("a state is none of dark, constant, data"),
+                    _ => return Err("a state is none of dark, constant, data, textured"),
                 });
             }
         }

@@ -4,28 +4,28 @@
 //! the radiance of any surface at any point in any direction. Nothing is computed, only looked up.
 //! Each direction's map is verified when it is first touched.
 
+use super::accessor::Accessor;
+use super::maps::{Map, Maps, Source};
+use super::packed::{Access, PackFile};
 use crate::directions::Directions;
-use crate::format::container::{self, ChunkKind, Directory, FileKind, Header, NO_DIRECTION};
+use crate::format::container::{self, ChunkKind, FileKind, Header, NO_DIRECTION};
 use crate::format::limits::Limits;
 use crate::format::manifest::{Manifest, Phase, record_from_bytes};
-use crate::format::tiles::{Layout, TileMap};
 use crate::format::{Fault, FormatError, names};
-use crate::gather::{Around, mirrored};
-use crate::ids::{DirectionId, Side, SurfaceId};
-use crate::look::packed::{Access, PackFile};
+use crate::ids::{DirectionId, SurfaceId};
 use crate::radiance::Rgb;
 use crate::scene::texels::{self, Texels};
-use crate::scene::{Reflectance, Scene, stored};
+use crate::scene::{Scene, stored};
 use glam::Vec3;
 use std::borrow::Cow;
 use std::fs;
 use std::io::ErrorKind::NotFound;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::Arc;
 
-/// Circles of directions in which a mirror is looked for that none of the nearest three shows.
-const CIRCLES: u32 = 4;
+/// Bytes that decoded maps may take, unless [`LightField::with_memory`] says otherwise.
+pub const MEMORY: u64 = 1 << 30;
 
 /// Why a field cannot be looked at.
 #[derive(Debug, thiserror::Error)]
@@ -71,26 +71,10 @@ pub struct LightField {
     pub directions: Directions,
     /// What the field is and how it was baked.
     pub manifest: Manifest,
-    /// Power of two by which stored radiance is scaled.
-    exponent: i32,
-    source: Source,
-    maps: Vec<OnceLock<Result<StoredMap, FormatError>>>,
-}
-
-enum Source {
-    Pack { file: PackFile, directory: Directory },
-    Field { path: PathBuf, header: Header, limits: Limits },
-}
-
-/// A direction's map: where it lies in the mapped file, or its bytes.
-struct StoredMap {
-    bytes: Stored,
-    layout: Layout,
-}
-
-enum Stored {
-    Mapped(std::ops::Range<usize>),
-    Decoded(Vec<u8>),
+    /// Whether maps have no diffuse surfaces: then the Total Texture Map has all there is of them.
+    pub(super) diffuse_left_out: bool,
+    pub(super) source: Source,
+    maps: Maps,
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, LookError> {
@@ -105,7 +89,7 @@ fn read(path: &Path) -> Result<Vec<u8>, LookError> {
 }
 
 /// A chunk of a field's file, which must be of the field, generation and direction of `place`.
-fn chunk_of(
+pub(super) fn chunk_of(
     path: &Path,
     place: &Header,
     chunk: ChunkKind,
@@ -171,9 +155,16 @@ impl LightField {
             Ok((manifest, scene, texels, total))
         };
         let (manifest, scene, texels, total) = parts().map_err(|f| f.in_file(&name))?;
-        let exponent = directory.header.exponent;
-        let source = Source::Pack { file, directory };
-        Self::assemble(&name, (scene, texels, total), manifest, exponent, source)
+        let header = directory.header.clone();
+        // A directory that was checked has an entry for each.
+        let mut places = vec![0; header.directions as usize];
+        for (place, entry) in directory.entries.iter().enumerate() {
+            if entry.id.kind == ChunkKind::Total {
+                places[entry.id.direction as usize] = place;
+            }
+        }
+        let source = Source::Pack { file: Arc::new(file), directory, places };
+        Self::assemble(&name, (scene, texels, total), manifest, &header, source)
     }
 
     fn open_field(path: &Path, limits: &Limits) -> Result<LightField, LookError> {
@@ -205,94 +196,102 @@ impl LightField {
         let raw = bytes.len() as u64;
         let (texels, total) = textures_of(&scene, &manifest, raw, || Ok(Cow::Owned(bytes)), limits)
             .map_err(|f| f.in_file(texture_path.display()))?;
-        let exponent = header.exponent;
-        let source = Source::Field { path: path.to_owned(), header, limits: *limits };
+        let source =
+            Source::Field { path: path.to_owned(), header: header.clone(), limits: *limits };
         let parts = (scene, texels, total);
-        Self::assemble(&path.display().to_string(), parts, manifest, exponent, source)
+        Self::assemble(&path.display().to_string(), parts, manifest, &header, source)
     }
 
     fn assemble(
         name: &str,
         (scene, texels, total): (Scene, Texels, Vec<Rgb>),
         manifest: Manifest,
-        exponent: i32,
+        header: &Header,
         source: Source,
     ) -> Result<LightField, LookError> {
         let lines = manifest.parameters.directions;
         let directions = Directions::with_lines(lines)
             .ok_or_else(|| Fault::invalid(format!("{lines} directions")).in_file(name))?;
-        let maps = (0..lines).map(|_| OnceLock::new()).collect();
-        Ok(LightField { scene, texels, total, directions, manifest, exponent, source, maps })
+        let maps = Maps::new(MEMORY);
+        Ok(LightField {
+            scene,
+            texels,
+            total,
+            directions,
+            manifest,
+            diffuse_left_out: header.leaves_diffuse_out(),
+            source,
+            maps,
+        })
+    }
+
+    /// The same with other room for decoded maps, in bytes; what threads look at comes on top.
+    pub fn with_memory(self, bytes: u64) -> LightField {
+        LightField { maps: Maps::new(bytes), ..self }
     }
 
     /// The total radiance map of a direction, verified.
     ///
     /// # Errors
     /// When it is missing or damaged.
-    pub fn map(&self, direction: u32) -> Result<TileMap<'_>, FormatError> {
-        let stored = self.maps[direction as usize].get_or_init(|| self.load(direction));
-        let stored = stored.as_ref().map_err(Clone::clone)?;
-        let bytes = match (&stored.bytes, &self.source) {
-            (Stored::Decoded(bytes), _) => bytes,
-            (Stored::Mapped(range), Source::Pack { file, .. }) => file.mapped(range),
-            (Stored::Mapped(_), Source::Field { .. }) => &[][..],
-        };
-        Ok(TileMap::new(bytes, &stored.layout))
+    pub fn map(&self, direction: u32) -> Result<Arc<Map>, FormatError> {
+        self.maps.get(direction, || self.load(direction))
     }
 
-    fn load(&self, direction: u32) -> Result<StoredMap, FormatError> {
-        let p = &self.manifest.parameters;
-        let surfaces = self.scene.surfaces.len() as u32;
-        let check =
-            |bytes: &[u8]| Layout::check(bytes, p.resolution, p.tile, surfaces, self.exponent);
-        match &self.source {
-            Source::Pack { file, directory } => {
-                let load = || {
-                    let entry = find_map(directory, direction)?;
-                    match file.chunk(directory, entry)? {
-                        Cow::Borrowed(bytes) => {
-                            let layout = check(bytes)?;
-                            let range = entry.offset as usize..entry.offset as usize + bytes.len();
-                            Ok(StoredMap { layout, bytes: Stored::Mapped(range) })
-                        }
-                        Cow::Owned(bytes) => {
-                            let layout = check(&bytes)?;
-                            Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) })
-                        }
-                    }
-                };
-                let place = || format!("{}: direction {direction}", file.name());
-                load().map_err(|f: Fault| f.in_file(place()))
-            }
-            Source::Field { path, header, limits } => {
-                let path = names::tiles(path, names::TOTAL, direction);
-                let name = path.display().to_string();
-                let generation = self.manifest.cycle;
-                let place =
-                    Header { kind: FileKind::Tiles, generation, direction, ..header.clone() };
-                let bytes = chunk_of(&path, &place, ChunkKind::Total, limits);
-                let bytes = bytes.map_err(|e| match e {
-                    LookError::Format(e) => e,
-                    other => Fault::Missing(other.to_string()).in_file(&name),
-                })?;
-                let layout = check(&bytes).map_err(|f| f.in_file(&name))?;
-                Ok(StoredMap { layout, bytes: Stored::Decoded(bytes) })
-            }
-        }
+    /// A thread's own way to the maps, which remembers the last ones.
+    pub fn accessor(&self) -> Accessor<'_> {
+        Accessor::new(self)
+    }
+
+    /// Bytes of decoded maps that are held.
+    pub fn memory(&self) -> u64 {
+        self.maps.bytes()
     }
 
     /// The directions whose maps were needed so far and found missing or damaged.
     pub fn damaged(&self) -> Vec<DirectionId> {
-        let is_damaged = |map: &OnceLock<_>| matches!(map.get(), Some(Err(_)));
-        let all = self.maps.iter().zip(0..);
-        all.filter(|(map, _)| is_damaged(map)).map(|(_, d)| DirectionId(d)).collect()
+        self.maps.damaged()
     }
 
     /// Radiance leaving the side of `surface` that faces `away` (a unit vector pointing from the
     /// surface), at a point of its plane, in the fitted scene's units; W sr^-1 m^-2.
     ///
     /// For a mirror the field holds what arrives at it: the radiance from the mirrored direction is
-    /// looked up and multiplied by the reflectance.
+    /// looked up and multiplied by the reflectance. Whoever looks often asks an [`Accessor`].
+    ///
+    /// ```
+    /// use std::sync::atomic::AtomicBool;
+    /// use vlf::{Codec, LightField, Parameters, Scene};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # let folder = tempfile::tempdir()?;
+    /// # let (baked, file) = (folder.path().join("room.field"), folder.path().join("room.vlf"));
+    /// # let (scene, _) = Scene::bundled("cornell")?;
+    /// # let small = Parameters { directions: 33, resolution: 16, tile: 8, ..Parameters::default() };
+    /// # let parameters = Parameters { cycles: Some(2), ..small };
+    /// # let options = vlf::bake::Options {
+    /// #     memory: 256 << 20,
+    /// #     threads: 1,
+    /// #     stop: &AtomicBool::new(false),
+    /// #     progress: &|_| (),
+    /// #     order: None,
+    /// #     commit_every: 5.0,
+    /// #     terms: vlf::field::Terms::default(),
+    /// #     force: false,
+    /// # };
+    /// # vlf::bake(&scene, &parameters, &baked, &options)?;
+    /// # vlf::pack(&baked, &file, Codec::Planes, &|_| ())?;
+    /// let light = LightField::open(&file)?;
+    /// // What the lamp sends straight from its middle.
+    /// let lamp = light.scene.surface_ids().find(|id| light.scene.material_of(*id).emitted.max() > 0.0);
+    /// let lamp = lamp.ok_or("a room without a lamp")?;
+    /// let surface = light.scene.surface(lamp);
+    /// let middle = surface.origin + surface.u * (surface.extent.x / 2.0) + surface.v * (surface.extent.y / 2.0);
+    /// let radiance = light.radiance(lamp, middle, surface.normal)?;
+    /// assert!(radiance.max() >= 0.999 * light.scene.material_of(lamp).emitted.max());
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// When a direction's map is missing or damaged.
@@ -302,82 +301,8 @@ impl LightField {
         point: Vec3,
         away: Vec3,
     ) -> Result<Rgb, FormatError> {
-        let plane = self.scene.surface(surface);
-        let side = Side::facing(plane.normal.dot(away));
-        let normal = plane.normal * side.sign();
-        let material = self.scene.material_of(surface);
-        let mirror = material.reflectance.is_mirror();
-        let wanted = if mirror { mirrored(away, normal) } else { away };
-        let found = self.looked_up(surface, point, wanted, normal)?;
-        Ok(match material.reflectance {
-            // Where no direction sees the surface (it is edge-on to all three, or smaller than a
-            // cell) its texture map still knows it.
-            Reflectance::Diffuse(_) => found.unwrap_or_else(|| {
-                texels::sample(&self.texels, &self.total, surface, plane, side, point)
-            }),
-            Reflectance::Mirror(factor) => {
-                let emitted = if side == Side::Front { material.emitted } else { Rgb::BLACK };
-                let arrived = match found {
-                    Some(arrived) => arrived,
-                    None => self.looked_up_nearby(surface, point, wanted, normal)?,
-                };
-                arrived * factor + emitted
-            }
-        })
+        self.accessor().radiance(surface, point, away)
     }
-
-    /// Interpolated between the three directions around `wanted`; `None` when the surface covers no
-    /// cell near the point in any of them.
-    fn looked_up(
-        &self,
-        surface: SurfaceId,
-        point: Vec3,
-        wanted: Vec3,
-        normal: Vec3,
-    ) -> Result<Option<Rgb>, FormatError> {
-        let resolution = self.manifest.parameters.resolution;
-        let around = Around::new(&self.directions, resolution, wanted, normal);
-        let mut maps = [None; 3];
-        for (map, near) in maps.iter_mut().zip(&around.near) {
-            if near.weight > 0.0 {
-                *map = Some(self.map(near.direction.0)?);
-            }
-        }
-        Ok(around.radiance(&maps, surface, point))
-    }
-
-    /// For mirrors thinner than a cell: the first that is found in ever wider circles of directions.
-    fn looked_up_nearby(
-        &self,
-        surface: SurfaceId,
-        point: Vec3,
-        wanted: Vec3,
-        normal: Vec3,
-    ) -> Result<Rgb, FormatError> {
-        let spacing = 2.5 / (self.directions.len() as f32).sqrt();
-        let (a, b) = wanted.any_orthonormal_pair();
-        for circle in 1..=CIRCLES {
-            for k in 0..8 {
-                let (sin, cos) = (k as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
-                let aside = (a * cos + b * sin) * (spacing * circle as f32);
-                let nearby = (wanted + aside).normalize();
-                if let Some(found) = self.looked_up(surface, point, nearby, normal)? {
-                    return Ok(found);
-                }
-            }
-        }
-        Ok(Rgb::BLACK)
-    }
-}
-
-/// Packs hold the scene's parts first, then one map a direction, in order: no search is needed.
-fn find_map(directory: &Directory, direction: u32) -> Result<&container::ChunkEntry, Fault> {
-    let maps = directory.entries.len().saturating_sub(directory.header.directions as usize);
-    directory
-        .entries
-        .get(maps + direction as usize)
-        .filter(|e| e.id.kind == ChunkKind::Total && e.id.direction == direction)
-        .ok_or_else(|| Fault::Missing(format!("the map of direction {direction}")))
 }
 
 /// The texels of a scene, and the values of its texture map, which must take `raw` bytes; that is
@@ -394,7 +319,7 @@ fn textures_of<'a>(
         return Err(Fault::invalid(format!("texture map: {raw} bytes for {count} texels")));
     }
     let total = texels::from_bytes(&bytes()?, 2 * count as usize)?;
-    Ok((Texels::try_new(scene, texel_edge(manifest))?, total))
+    Ok((Texels::try_new(scene, manifest.parameters.texel_edge())?, total))
 }
 
 /// How many texels a scene has in a field. Counted, not laid: a file may ask for any number.
@@ -402,12 +327,7 @@ fn textures_of<'a>(
 /// # Errors
 /// When they are more than a field may have.
 pub fn texel_count(scene: &Scene, manifest: &Manifest, limits: &Limits) -> Result<u64, Fault> {
-    limits.check_texels(Texels::count(scene, texel_edge(manifest)))
-}
-
-fn texel_edge(manifest: &Manifest) -> f32 {
-    let p = &manifest.parameters;
-    2.0 / p.resolution as f32 * p.texel_cells as f32
+    limits.check_texels(Texels::count(scene, manifest.parameters.texel_edge()))
 }
 
 /// Refuses a scene that is not the one of its file's header.

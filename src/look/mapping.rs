@@ -27,6 +27,13 @@ impl Mapping {
         let map = unsafe { Mmap::map(file)? };
         Ok(Mapping(map))
     }
+
+    /// Tells the system that bytes will be read at once, so that it fetches them together.
+    pub fn expect(&self, at: usize, length: usize) {
+        // Advice that is not taken costs time, nothing else.
+        #[cfg(unix)]
+        let _ = self.0.advise_range(memmap2::Advice::WillNeed, at, length);
+    }
 }
 
 impl Deref for Mapping {

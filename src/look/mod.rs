@@ -8,6 +8,12 @@ pub mod mapping;
 
 pub mod packed;
 
+pub mod cache;
+
+pub mod maps;
+
+pub mod accessor;
+
 pub mod lightfield;
 
 pub mod image;

@@ -90,7 +90,10 @@ impl PackFile {
     /// When it is damaged, or the system refuses.
     pub fn chunk(&self, directory: &Directory, entry: &ChunkEntry) -> Result<Cow<'_, [u8]>, Fault> {
         match &self.bytes {
-            Bytes::Mapped(mapping) => directory.chunk(mapping, entry),
+            Bytes::Mapped(mapping) => {
+                mapping.expect(entry.offset as usize, entry.stored as usize);
+                directory.chunk(mapping, entry)
+            }
             Bytes::Read(_) => {
                 let framed = self.piece(entry.offset, entry.stored + entry.padding() as u64)?;
                 directory.chunk_read(framed.into_owned(), entry).map(Cow::Owned)

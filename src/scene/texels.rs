@@ -114,10 +114,7 @@ impl Texels {
     /// The texel of a surface that holds a point of its plane; points outside go to the nearest.
     pub fn at(&self, id: SurfaceId, surface: &Surface, point: Vec3) -> u32 {
         let lattice = self.lattices[id.index()];
-        let p = surface.coordinates(point) * lattice.density;
-        let column = (p.x.max(0.0) as u32).min(lattice.width - 1);
-        let row = (p.y.max(0.0) as u32).min(lattice.height - 1);
-        lattice.first + row * lattice.width + column
+        lattice.holding(surface.coordinates(point) * lattice.density)
     }
 }
 
@@ -176,19 +173,17 @@ pub fn sample(
     point: Vec3,
 ) -> Rgb {
     let lattice = &texels.lattices[id.index()];
-    let last = Vec2::new((lattice.width - 1) as f32, (lattice.height - 1) as f32);
-    let at = surface.coordinates(point) * lattice.density;
-    let p = (at - 0.5).clamp(Vec2::ZERO, last);
-    let (column, row) = (p.x as u32, p.y as u32);
-    let f = p - p.floor();
-    let right = (column + 1).min(lattice.width - 1);
-    let below = (row + 1).min(lattice.height - 1);
-    let texel = |c: u32, r: u32| lattice.first + r * lattice.width + c;
+    sample_at(texels, values, lattice, side, surface.coordinates(point) * lattice.density)
+}
+
+/// The same at a place of a lattice, in texels along `u` and `v` from the surface's origin.
+pub fn sample_at(texels: &Texels, values: &[Rgb], lattice: &Lattice, side: Side, at: Vec2) -> Rgb {
+    let (block, f) = lattice.around(at);
     let value = |texel: u32| values[2 * texel as usize + side.index()];
-    let block = [texel(column, row), texel(right, row), texel(column, below), texel(right, below)];
     if !texels.cuts.is_near(block[0]) {
-        let upper = value(block[0]) * (1.0 - f.x) + value(block[1]) * f.x;
-        let lower = value(block[2]) * (1.0 - f.x) + value(block[3]) * f.x;
+        let [a, b, c, d] = block.map(value);
+        let upper = a * (1.0 - f.x) + b * f.x;
+        let lower = c * (1.0 - f.x) + d * f.x;
         return upper * (1.0 - f.y) + lower * f.y;
     }
     let weights = [(1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y];
@@ -203,5 +198,28 @@ pub fn sample(
     if weight > 0.0 {
         return sum / weight;
     }
-    value(texels.cuts.home(lattice, texels.at(id, surface, point), at))
+    value(texels.cuts.home(lattice, lattice.holding(at), at))
+}
+
+impl Lattice {
+    /// The texel that holds a place, in texels along `u` and `v`; places outside go to the nearest.
+    fn holding(&self, at: Vec2) -> u32 {
+        let column = (at.x.max(0.0) as u32).min(self.width - 1);
+        let row = (at.y.max(0.0) as u32).min(self.height - 1);
+        self.first + row * self.width + column
+    }
+
+    /// The four texels around a place, two rows of two, and how far it is from the first one's middle
+    /// to the last one's.
+    fn around(&self, at: Vec2) -> ([u32; 4], Vec2) {
+        let last = Vec2::new((self.width - 1) as f32, (self.height - 1) as f32);
+        let p = (at - 0.5).clamp(Vec2::ZERO, last);
+        let (column, row) = (p.x as u32, p.y as u32);
+        let right = (column + 1).min(self.width - 1);
+        let below = (row + 1).min(self.height - 1);
+        let texel = |c: u32, r: u32| self.first + r * self.width + c;
+        let block =
+            [texel(column, row), texel(right, row), texel(column, below), texel(right, below)];
+        (block, p - p.floor())
+    }
 }

@@ -1,6 +1,7 @@
 //! A packed field: one file, which must be whole in itself.
 
 use super::{BLOCK, Checked, Finding, Place, Report, TextureBlocks, agrees, check_length};
+use crate::directions::{Directions, paging};
 use crate::field::files::{self, Opened};
 use crate::field::{FieldError, hash};
 use crate::format::Fault;
@@ -9,9 +10,12 @@ use crate::format::container::{
 };
 use crate::format::limits::Limits;
 use crate::format::manifest::{Manifest, Phase, record_from_bytes};
-use crate::format::tiles::Layout;
+use crate::format::tiles::{Layout, TileMap};
+use crate::ids::DirectionId;
 use crate::look::lightfield::{check_scene, texel_count};
-use crate::scene::stored;
+use crate::psf::Psf;
+use crate::scene::{Scene, stored};
+use crate::textured;
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -48,12 +52,16 @@ pub fn pack(
     checked.findings.extend(structure(&place, &header, &entries, manifest.as_ref()));
     report.add(checked);
 
-    let pack = Pack { place, header, manifest, opened: Mutex::new(opened), limits };
+    let directions = Directions::with_lines(header.directions);
+    let opened = Mutex::new(opened);
+    let mut pack = Pack { place, header, manifest, opened, limits, scene: None, directions };
     let mut texels = None;
     let parts = entries.len().min(3);
     for entry in entries[..parts].iter().filter(|e| e.id.kind != ChunkKind::Record) {
         let result = match entry.id.kind {
-            ChunkKind::Scene => pack.scene(entry).map(|count| texels = count),
+            ChunkKind::Scene => pack.scene(entry).map(|(scene, count)| {
+                (pack.scene, texels) = (Some(scene), count);
+            }),
             ChunkKind::TotalTexture => pack.textures(entry, texels),
             _ => pack.map(entry),
         };
@@ -98,7 +106,8 @@ fn structure(
     let id = |kind, direction| ChunkId { kind, cycle: cycle.unwrap_or_default(), direction };
     let parts = [ChunkKind::Record, ChunkKind::Scene, ChunkKind::TotalTexture];
     let parts = parts.into_iter().map(|kind| id(kind, NO_DIRECTION));
-    let maps = (0..header.directions).map(|direction| id(ChunkKind::Total, direction));
+    let maps = paging(header.directions).unwrap_or_default();
+    let maps = maps.into_iter().map(|direction| id(ChunkKind::Total, direction.0));
     if let Some((entry, _)) = entries.iter().zip(parts.chain(maps)).find(|(e, id)| e.id != *id) {
         findings.push(place.chunk(entry).damaged("is where another chunk should be"));
     }
@@ -116,6 +125,8 @@ struct Pack<'a> {
     manifest: Option<Manifest>,
     opened: Mutex<Opened>,
     limits: &'a Limits,
+    scene: Option<Scene>,
+    directions: Option<Directions>,
 }
 
 impl Pack<'_> {
@@ -135,16 +146,17 @@ impl Pack<'_> {
             .map_err(|fault| self.place.chunk(entry).fault(fault))
     }
 
-    /// Checks the scene; returns how many texels it has, where the record says how large they are.
-    fn scene(&self, entry: &ChunkEntry) -> Result<Option<u64>, Finding> {
+    /// The scene, checked, and how many texels it has, where the record says how large they are.
+    fn scene(&self, entry: &ChunkEntry) -> Result<(Scene, Option<u64>), Finding> {
         self.decoded(entry, |bytes| {
             let scene = stored::from_bytes(bytes, self.limits)?;
             check_scene(&scene, self.header.surfaces)?;
-            let Some(manifest) = &self.manifest else { return Ok(None) };
+            let Some(manifest) = &self.manifest else { return Ok((scene, None)) };
             if hash(bytes) != manifest.scene_hash {
                 return Err(Fault::invalid("is another scene than the record's"));
             }
-            texel_count(&scene, manifest, self.limits).map(Some)
+            let count = texel_count(&scene, manifest, self.limits)?;
+            Ok((scene, Some(count)))
         })
     }
 
@@ -160,7 +172,18 @@ impl Pack<'_> {
     fn map(&self, entry: &ChunkEntry) -> Result<(), Finding> {
         let Header { resolution, tile, surfaces, exponent, .. } = self.header;
         self.decoded(entry, |bytes| {
-            Layout::check(bytes, resolution, tile, surfaces, exponent).map(|_| ())
+            let layout = Layout::check_packed(bytes, (resolution, tile), surfaces, exponent)?;
+            let Some((scene, directions)) = self.scene.as_ref().zip(self.directions.as_ref())
+            else {
+                return Ok(());
+            };
+            let map = TileMap::new(bytes, &layout);
+            let is_diffuse = |s| !scene.material_of(s).reflectance.is_mirror();
+            let line = directions.vector(DirectionId(entry.id.direction));
+            if self.header.leaves_diffuse_out() && map.slots().any(|s| is_diffuse(s.surface)) {
+                return Err(Fault::invalid("tile map: has a diffuse surface that was left out"));
+            }
+            textured::check(&map, &Psf::new(line, resolution), scene)
         })
     }
 }

@@ -83,7 +83,8 @@ class Pack:
         self.block = file.block
         self.record, self.scene = file.content(Kind.record), file.content(Kind.scene)
         self.textures = file.content(Kind.total_textures)
-        self.maps = [c.content for c in file.chunks if c.entry.kind == Kind.total_tiles]
+        totals = [c for c in file.chunks if c.entry.kind == Kind.total_tiles]
+        self.maps = {c.entry.direction: c.content for c in totals}
         self.lines = Lines(self.block.num_directions)
 
     def radiance(self, surface, point, away):
@@ -139,6 +140,8 @@ class Pack:
             if tiles.surface[e] != surface or not mask >> b & 1:
                 continue
             slot = 2 * e + sense
+            if tiles.state[slot] == Vlf.State.textured:
+                return self.textured(line, surface, i, j, sense)
             if tiles.state[slot] == Vlf.State.dark:
                 return [0, 0, 0]
             value = tiles.value[slot]
@@ -147,6 +150,19 @@ class Pack:
             halves = struct.pack("<3H", *tiles.rgb[3 * value : 3 * value + 3])
             return [c * 2.0**self.block.exponent for c in struct.unpack("<3e", halves)]
         return None
+
+    def textured(self, line, surface, i, j, sense):
+        """What the texture map has where a cell's middle ray meets a surface, as an f16."""
+        plane, w = self.scene.surfaces[surface], self.lines.vectors[line]
+        normal, edge = plane.normal.xyz, 2 / self.block.resolution
+        places = ((i + 0.5) * edge - 1, (j + 0.5) * edge - 1)
+        flat = [sum(axis[c] * at for axis, at in zip(axes(w), places)) for c in range(3)]
+        depth = (dot(normal, plane.origin.xyz) - dot(normal, flat)) / dot(normal, w)
+        point = [f + depth * c for f, c in zip(flat, w)]
+        front = (dot(normal, w) > 0) == (sense == 0)
+        scale = 2.0**self.block.exponent
+        rgb = [c / scale for c in self.texture(surface, point, 0 if front else 1)]
+        return [c * scale for c in struct.unpack("<3e", struct.pack("<3e", *rgb))]
 
     def texture(self, surface, point, side):
         """The texture map, bilinear between the middles of texels."""

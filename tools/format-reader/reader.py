@@ -13,6 +13,7 @@ import xxhash
 import zstandard
 from kaitaistruct import BytesIO, KaitaiStream, KaitaiStruct, ValidationFailedError
 
+from planes import from_planes
 from vlf import Vlf
 
 NONE = 0xFFFFFFFF
@@ -188,7 +189,7 @@ def check_chunks(block, entries):
     allowed = CHUNKS[block.file_kind]
     if block.file_kind == Holder.pack:
         allowed = [allowed[0] + [Kind.total_tiles] * block.num_directions]
-        expected = [NONE] * 3 + list(range(block.num_directions))
+        expected = [NONE] * 3 + order_of_maps(block.num_directions)
     else:
         expected = [block.direction] * len(lines)
         cycles = {e.cycle for e in entries}
@@ -197,6 +198,22 @@ def check_chunks(block, entries):
     names = [kind.name for kind in kinds]
     require(kinds in allowed, 5, f"chunks {names} in a file of kind {block.file_kind.name}")
     require(lines == expected, 5, f"chunks of lines {lines}")
+
+
+def order_of_maps(lines):
+    """The lines in the order in which a pack has their maps."""
+    q = math.isqrt((lines - 1) // 2)
+    keys = []
+    for y in range(-q, q + 1):
+        for x in range(abs(y) - q, q - abs(y) + 1):
+            # Of the ends of a line on the equator the first one names it.
+            if abs(x) + abs(y) < q or (y, x) < (0, 0):
+                halved = next(h for h in range(q.bit_length(), -1, -1) if (x | y | q) % 2**h == 0)
+                place = sum(
+                    (x + q >> i & 1) << 2 * i | (y + q >> i & 1) << 2 * i + 1 for i in range(16)
+                )
+                keys.append((-halved, place, len(keys)))
+    return [line for _, _, line in sorted(keys)]
 
 
 def decoded(root, entry, name):
@@ -211,8 +228,9 @@ def decoded(root, entry, name):
     require(is_frame, 6, f"{name}: frame: not one of zstd")
     try:
         header = zstandard.get_frame_parameters(entry.stored)
-        why = f"{name}: frame: {header.content_size} bytes, not {entry.len_raw}"
-        require(header.content_size == entry.len_raw, 6, why)
+        is_planes = entry.codec == Vlf.Codec.planes
+        fits = header.content_size == entry.len_raw or is_planes and header.content_size < entry.len_raw
+        require(fits, 6, f"{name}: frame: {header.content_size} bytes, not {entry.len_raw}")
         require(header.dict_id == 0, 6, f"{name}: frame: wants a dictionary")
         frame = zstandard.ZstdDecompressor().decompressobj()
         raw = frame.decompress(entry.stored)
@@ -220,6 +238,12 @@ def decoded(root, entry, name):
         raise Refused(6, f"{name}: frame: {e}") from e
     require(frame.eof, 6, f"{name}: frame: ends too early")
     require(not frame.unused_data, 6, f"{name}: frame: {len(frame.unused_data)} bytes behind it")
+    require(len(raw) == header.content_size, 6, f"{name}: frame: {len(raw)} bytes")
+    if is_planes:
+        try:
+            raw = from_planes(raw)
+        except (ValueError, struct.error, StopIteration, RuntimeError) as e:
+            raise Refused(6, f"{name}: planes: {e}") from e
     require(len(raw) == entry.len_raw, 6, f"{name}: length {len(raw)}, not {entry.len_raw}")
     return raw
 
@@ -251,6 +275,11 @@ def check_contents(file, record, scene):
             require(expected in (None, count), 7, f"{name}: {count} values, not {expected}")
         elif isinstance(chunk.content, Vlf.TileMap):
             check_tile_map(chunk.content, name)
+            in_pack = file.block.file_kind == Holder.pack
+            check_textured(chunk.content, name, in_pack, scene)
+            if in_pack and scene and file.block.features.optional & 1:
+                mirrors = all(is_mirror(scene, s) for s in chunk.content.surface)
+                require(mirrors, 7, f"{name}: a diffuse surface that was left out")
             if scene and chunk.entry.kind != Kind.total_tiles:
                 mirrors = all(is_mirror(scene, s) for s in chunk.content.surface)
                 require(mirrors, 7, f"{name}: an entry of a diffuse surface")
@@ -349,8 +378,17 @@ def check_tile_map(tiles, name):
         for slot in (2 * e, 2 * e + 1):
             why = f"{name}: values of slot {slot} begin at {tiles.value[slot]}, not at {values}"
             require(tiles.value[slot] == values, 7, why)
-            values += [0, 1, mask.bit_count()][tiles.state[slot]]
+            values += [0, 1, mask.bit_count(), 0][tiles.state[slot].value]
     require(values == tiles.num_values, 7, f"{name}: {tiles.num_values} values, not {values}")
+
+
+def check_textured(tiles, name, in_pack, scene):
+    """That only diffuse surfaces of packs are textured."""
+    for slot, state in enumerate(tiles.state):
+        if state == Vlf.State.textured:
+            require(in_pack, 7, f"{name}: slot {slot} is textured, not in a pack")
+            surface = tiles.surface[slot // 2]
+            require(not is_mirror(scene, surface), 7, f"{name}: mirror {surface} is textured")
 
 
 def mask_of(tiles, entry):

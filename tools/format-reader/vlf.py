@@ -21,8 +21,9 @@ class Vlf(KaitaiStruct):
     `hashed` against `first_block_hash`, `first_block`, `directory_bytes` against its
     `directory_hash`, `directory`, and of each entry `stored` against its `chunk_hash`, `content`.
 
-    A chunk of codec zstd has no `content`. Decompress `stored`, and read the result as the type that
-    `content` names for the chunk's kind, with this file as its root.
+    A chunk of another codec has no `content`. Decompress `stored`, put planes together as the README
+    says, and read the result as the type that `content` names for the chunk's kind, with this file as
+    its root.
 
     .. seealso::
        README.md
@@ -42,6 +43,7 @@ class Vlf(KaitaiStruct):
     class Codec(IntEnum):
         raw = 0
         zstd = 1
+        planes = 2
 
     class FileKind(IntEnum):
         manifest = 1
@@ -68,6 +70,7 @@ class Vlf(KaitaiStruct):
         dark = 0
         constant = 1
         one_value_a_cell = 2
+        textured = 3
 
     class Transfer(IntEnum):
         sample = 0

@@ -15,11 +15,18 @@ use crate::radiance::Rgb;
 /// 2^112: what the exponents of f16 and f32 differ by.
 const REBIAS: f32 = f32::from_bits((127 + 112) << 23);
 
+/// The number that the bits of an f16 stand for that is finite and not negative: they shift into place,
+/// subnormals as well. That leaves the exponent 112 too small.
+#[inline]
+pub fn half_to_f32(bits: u16) -> f32 {
+    f32::from_bits(u32::from(bits) << 13) * REBIAS
+}
+
 /// A checked tile map over its bytes.
 #[derive(Clone, Copy, Debug)]
 pub struct TileMap<'a> {
-    bytes: &'a [u8],
-    layout: &'a Layout,
+    pub(super) bytes: &'a [u8],
+    pub(super) layout: &'a Layout,
 }
 
 /// One surface in one tile.
@@ -35,32 +42,25 @@ impl<'a> TileMap<'a> {
         TileMap { bytes, layout }
     }
 
-    fn surface(&self, entry: usize) -> u32 {
+    pub(super) fn surface(&self, entry: usize) -> u32 {
         u32_at(&self.bytes[self.layout.surface_at..], entry)
     }
 
-    fn value(&self, slot: usize) -> u32 {
+    pub(super) fn value(&self, slot: usize) -> u32 {
         u32_at(&self.bytes[self.layout.value_at..], slot)
     }
 
-    fn state(&self, slot: usize) -> u8 {
+    pub(super) fn state(&self, slot: usize) -> u8 {
         self.bytes[self.layout.state_at + slot]
     }
 
-    fn mask(&self, entry: usize) -> &'a [u8] {
+    pub(super) fn mask(&self, entry: usize) -> &'a [u8] {
         let at = self.layout.mask_at + 8 * self.layout.words * entry;
         &self.bytes[at..at + 8 * self.layout.words]
     }
 
     fn rgb(&self, value: usize) -> Rgb {
-        let at = self.layout.rgb_at + 6 * value;
-        let h = &self.bytes[at..at + 6];
-        // Finite and not negative was checked, so the bits shift into place, subnormals as well. That
-        // leaves the exponent 112 too small. Both products are exact; in one, 2^112 and the scale
-        // could overflow.
-        let channel =
-            |c| f32::from_bits(u32::from(u16_at(h, c)) << 13) * REBIAS * self.layout.scale;
-        Rgb([channel(0), channel(1), channel(2)])
+        rgb_of(&self.bytes[self.layout.rgb_at..], value, self.layout.scale)
     }
 
     /// Number of entries over all tiles.
@@ -89,9 +89,10 @@ impl<'a> TileMap<'a> {
         let tile = (cell.j / m * n + cell.i / m) as usize;
         let first = &self.bytes[FIRST_AT..];
         let (mut low, mut high) = (u32_at(first, tile) as usize, u32_at(first, tile + 1) as usize);
+        let surfaces = &self.bytes[self.layout.surface_at..];
         while low < high {
             let middle = (low + high) / 2;
-            match self.surface(middle).cmp(&surface.0) {
+            match u32_at(surfaces, middle).cmp(&surface.0) {
                 std::cmp::Ordering::Less => low = middle + 1,
                 std::cmp::Ordering::Greater => high = middle,
                 std::cmp::Ordering::Equal => return Some(TileEntry { map: *self, entry: middle }),
@@ -152,24 +153,58 @@ impl TileEntry<'_> {
 
     /// Radiance at a cell of this tile, or `None` where the surface does not cover it.
     pub fn radiance(&self, cell: Cell, sense: Sense) -> Option<Rgb> {
-        let Layout { m, words, .. } = *self.map.layout;
-        let index = (cell.j % m * m + cell.i % m) as usize;
-        let mask = self.map.mask(self.entry);
-        let word = u64_at(mask, index / 64);
+        let m = self.map.layout.m;
+        self.seen(sense).radiance(cell.j % m * m + cell.i % m)
+    }
+}
+
+impl<'a> TileEntry<'a> {
+    /// What it shows in one sense, its tables looked up.
+    pub fn seen(&self, sense: Sense) -> Seen<'a> {
+        let slot = 2 * self.entry + sense.slot();
+        let Layout { rgb_at, scale, .. } = *self.map.layout;
+        let state = self.map.state(slot);
+        let values = &self.map.bytes[rgb_at + 6 * self.map.value(slot) as usize..];
+        Seen { mask: self.map.mask(self.entry), state, values, scale }
+    }
+}
+
+/// What one surface in one tile shows in one sense.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    mask: &'a [u8],
+    state: u8,
+    /// From its first value on.
+    values: &'a [u8],
+    scale: f32,
+}
+
+impl Seen<'_> {
+    /// Radiance at the cell of a row-by-row index inside the tile, or `None` where the surface does not
+    /// cover it.
+    #[inline]
+    pub fn radiance(&self, inside: u32) -> Option<Rgb> {
+        let index = inside as usize;
+        let word = u64_at(self.mask, index / 64);
         if word >> (index % 64) & 1 == 0 {
             return None;
         }
-        let slot = 2 * self.entry + sense.slot();
-        let value = self.map.value(slot) as usize;
-        match self.map.state(slot) {
+        match self.state {
             DATA => {
-                debug_assert!(words * 64 > index);
-                let before: u32 = (0..index / 64).map(|w| u64_at(mask, w).count_ones()).sum();
+                let before: u32 = (0..index / 64).map(|w| u64_at(self.mask, w).count_ones()).sum();
                 let below = word & ((1u64 << (index % 64)) - 1);
-                Some(self.map.rgb(value + (before + below.count_ones()) as usize))
+                Some(rgb_of(self.values, (before + below.count_ones()) as usize, self.scale))
             }
-            CONSTANT => Some(self.map.rgb(value)),
+            CONSTANT => Some(rgb_of(self.values, 0, self.scale)),
             _ => Some(Rgb::BLACK),
         }
     }
+}
+
+/// The value of a number in a table of values.
+#[inline]
+fn rgb_of(values: &[u8], number: usize, scale: f32) -> Rgb {
+    let h = &values[6 * number..6 * number + 6];
+    // Both products are exact; in one, 2^112 and the scale could overflow.
+    Rgb([0, 1, 2].map(|c| half_to_f32(u16_at(h, c)) * scale))
 }

@@ -1,7 +1,7 @@
 //! The two methods of section 6, ready to take pictures of an opened field.
 
 use super::raytrace::Raytrace;
-use super::{Options, render};
+use super::{Looker, Options, render, render_with};
 use crate::format::FormatError;
 use crate::look::image::Picture;
 use crate::look::lightfield::LightField;
@@ -20,6 +20,28 @@ pub enum Method {
     Field,
     /// Diffuse surfaces from the Total Texture Map, mirrors by following rays.
     Trace,
+}
+
+/// Radiance that comes back against the unit direction `dir` from what it has hit, W sr^-1 m^-2.
+///
+/// # Errors
+/// When a map of the field that is needed is missing or damaged.
+pub fn look_along(
+    field: &LightField,
+    visible: &Visible,
+    method: Method,
+    dir: Vec3,
+    hit: &Hit,
+) -> Result<Rgb, FormatError> {
+    match method {
+        Method::Trace => Ok(tracing(field, visible).radiance(dir, hit)),
+        Method::Field => field.radiance(hit.surface, hit.point, -dir),
+    }
+}
+
+fn tracing<'a>(field: &'a LightField, visible: &'a Visible) -> Raytrace<'a> {
+    let paths = Paths { scene: &field.scene, visible, max_depth: MAX_DEPTH };
+    Raytrace { paths, texels: &field.texels, values: &field.total }
 }
 
 /// Takes a picture of an opened field; see [`render`].
@@ -79,19 +101,22 @@ fn taken(
     let failure = OnceLock::new();
     let picture = match method {
         Method::Trace => {
-            let paths = Paths { scene, visible, max_depth: MAX_DEPTH };
-            let trace = Raytrace { paths, texels: &field.texels, values: &field.total };
+            let trace = tracing(field, visible);
             let radiance = |dir: Vec3, hit: &Hit| trace.radiance(dir, hit);
             render(scene, visible, camera, options, &radiance, progress)
         }
         Method::Field => {
-            let radiance = |dir: Vec3, hit: &Hit| {
-                field.radiance(hit.surface, hit.point, -dir).unwrap_or_else(|e| {
-                    failure.get_or_init(|| e);
-                    Rgb::splat(f32::NAN)
+            let looker = || -> Looker {
+                let mut accessor = field.accessor();
+                let failure = &failure;
+                Box::new(move |dir, hit| {
+                    accessor.radiance(hit.surface, hit.point, -dir).unwrap_or_else(|e| {
+                        failure.get_or_init(|| e);
+                        Rgb::splat(f32::NAN)
+                    })
                 })
             };
-            render(scene, visible, camera, options, &radiance, progress)
+            render_with(scene, visible, camera, options, &looker, progress)
         }
     };
     (picture, failure.into_inner())

@@ -37,6 +37,9 @@ impl Default for Options {
 /// Radiance that arrives along a unit direction (pointing away from the eye) from a hit, W sr^-1 m^-2.
 pub type Radiance<'a> = dyn Fn(Vec3, &Hit) -> Rgb + Sync + 'a;
 
+/// The same for one thread, which may remember what it has seen.
+pub type Looker<'a> = Box<dyn FnMut(Vec3, &Hit) -> Rgb + 'a>;
+
 /// A pixel whose samples disagree, as where a lamp's edge runs through it, takes up to this many times
 /// as many.
 const REFINED: u32 = 16;
@@ -77,11 +80,24 @@ pub fn render(
     radiance: &Radiance<'_>,
     progress: &(dyn Fn(f32) + Sync),
 ) -> Picture {
+    let looker = || -> Looker { Box::new(|dir, hit| radiance(dir, hit)) };
+    render_with(scene, visible, camera, options, &looker, progress)
+}
+
+/// The same with a function of its own for each thread, made by `looker`.
+pub fn render_with<'a>(
+    scene: &Scene,
+    visible: &Visible,
+    camera: &Camera,
+    options: Options,
+    looker: &(dyn Fn() -> Looker<'a> + Sync),
+    progress: &(dyn Fn(f32) + Sync),
+) -> Picture {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let view = camera.view(&scene.fit);
     let samples = options.samples.clamp(1, MOST_SAMPLES);
     let places = places(samples * if samples > 1 { REFINED } else { 1 });
-    let pixel = |x: usize, y: usize| -> Rgb {
+    let pixel = |look: &mut Looker<'a>, x: usize, y: usize| -> Rgb {
         let seed = hash(x as u32 ^ hash(y as u32));
         // Sums of many samples in f64: the mean of equal values is that value.
         let mut sum = [0.0f64; 3];
@@ -93,7 +109,7 @@ pub fn render(
                 let [dx, dy] = if samples == 1 { [0.5; 2] } else { shuffled(*place, seed) };
                 let (origin, dir) = view.ray(x as f64 + dx, y as f64 + dy);
                 let hit = visible.nearest(origin, dir, 0.0);
-                let found = hit.map_or(Rgb::BLACK, |hit| radiance(dir, &hit));
+                let found = hit.map_or(Rgb::BLACK, |hit| look(dir, &hit));
                 (0..3).for_each(|c| sum[c] += f64::from(found.0[c]));
                 moments.add(f64::from(found.mean()));
             }
@@ -106,9 +122,10 @@ pub fn render(
     };
     let mut picture = Picture::black(camera.width, camera.height);
     let rows_done = AtomicUsize::new(0);
-    picture.pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+    let rows = picture.pixels.par_chunks_mut(width.max(1)).enumerate();
+    rows.for_each_init(looker, |look, (y, row)| {
         for (x, out) in row.iter_mut().enumerate() {
-            *out = pixel(x, y);
+            *out = pixel(look, x, y);
         }
         let done = rows_done.fetch_add(1, Ordering::Relaxed) + 1;
         progress(done as f32 / height as f32);

@@ -50,16 +50,41 @@ fn vlf_pack(folder: &TempDir, args: &[&str]) -> std::process::Output {
 fn a_finished_field_becomes_one_file() {
     let folder = TempDir::new().unwrap();
     field(&folder.path().join("room.field"), false);
-    for codec in ["raw", "zstd"] {
-        let args = ["room.field", "-o", "room.vlf", "--codec", codec, "--json"];
+    for codec in ["raw", "zstd", "planes"] {
+        let args =
+            ["room.field", "-o", "room.vlf", "--codec", codec, "--json", "--max-error", "0.02"];
         let output = vlf_pack(&folder, &args);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(report["directions"], 33);
         let length = fs::metadata(folder.path().join("room.vlf")).unwrap().len();
         assert_eq!(report["bytes"], length);
+        assert!(report["deviation"]["worst"].as_f64().unwrap() < 0.02);
+        for section in ["record", "scene", "textures", "maps"] {
+            let section = &report[section];
+            assert!(section["before"].as_u64() > Some(0) && section["after"].as_u64() > Some(0));
+        }
         LightField::open(&folder.path().join("room.vlf")).unwrap();
     }
+}
+
+#[test]
+fn the_report_says_what_became_of_each_section_and_what_was_lost() {
+    let folder = TempDir::new().unwrap();
+    field(&folder.path().join("room.field"), false);
+    let said = |args: &[&str]| {
+        let output = vlf_pack(&folder, &[&["room.field", "-o", "room.vlf"], args].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let lossy = said(&["--max-error", "0.1"]);
+    for words in ["scene", "texture maps", "total radiance maps", " : 1", "off by", "in the worst"]
+    {
+        assert!(lossy.contains(words), "{words}: {lossy}");
+    }
+    assert!(said(&["--max-error", "0"]).contains("nothing lost"));
+    assert!(said(&["--codec", "raw"]).contains("nothing lost"));
+    said(&["--diffuse", "texture", "--memory", "4MiB", "--threads", "1"]);
 }
 
 #[test]
@@ -80,6 +105,9 @@ fn what_is_wrong_is_said_and_nothing_is_overwritten() {
         (&["room.field"], 2, &["--output"]),
         (&["room.field", "-o", "out.vlf", "--codec", "zip"], 2, &["zip", "zstd"]),
         (&["room.field", "-o", "out.vlf", "--fast"], 2, &["--fast"]),
+        (&["room.field", "-o", "out.vlf", "--max-error", "0.3"], 2, &["0 to 0.25"]),
+        (&["room.field", "-o", "out.vlf", "--max-error", "NaN"], 2, &["0 to 0.25"]),
+        (&["room.field", "-o", "out.vlf", "--memory", "1kiB"], 7, &["--memory", "1.0 KiB"]),
         (&["room.field", "-o", "out.vlf", "--limit-tile", "8"], 7, &["16", "8 (--limit-tile)"]),
     ] {
         let output = vlf_pack(&folder, args);

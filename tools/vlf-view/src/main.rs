@@ -4,6 +4,7 @@ mod source;
 mod walk;
 mod window;
 
+use bytesize::ByteSize;
 use clap::Parser;
 use source::Method;
 use std::path::PathBuf;
@@ -33,6 +34,9 @@ struct Args {
     /// meanwhile: that ends a process which has mapped it with SIGBUS
     #[arg(long)]
     no_map: bool,
+    /// Memory that decoded maps may take
+    #[arg(long, default_value = "1GiB")]
+    memory: ByteSize,
     // Not a comment for the documentation, which would take [x,y,z] for a link.
     #[arg(
         long,
@@ -58,7 +62,8 @@ fn main() -> ExitCode {
 
 fn view(args: &Args) -> anyhow::Result<()> {
     let access = if args.no_map { Access::Read } else { Access::Mapped };
-    let source = source::open(&args.path, args.method, access, &args.limits)?;
+    let source =
+        source::open(&args.path, args.method, (access, args.memory.as_u64()), &args.limits)?;
     let start: Camera = match &args.camera {
         Some(path) => Camera::open(path)?,
         None => source.start,

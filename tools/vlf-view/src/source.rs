@@ -30,17 +30,17 @@ pub struct Source {
     pub speed: f64,
 }
 
-/// Opens a light field.
+/// Opens a light field, whose decoded maps may take so many bytes.
 ///
 /// # Errors
 /// When the file cannot be read.
 pub fn open(
     path: &Path,
     method: Method,
-    access: Access,
+    (access, memory): (Access, u64),
     limits: &Limits,
 ) -> anyhow::Result<Source> {
-    let field = LightField::open_within(path, access, limits)?;
+    let field = LightField::open_within(path, access, limits)?.with_memory(memory);
     let visible = Visible::new(&field.scene);
     let start = first_view(&field, &visible);
     let speed = 0.4 * field.scene.fit.radius;

@@ -1,0 +1,149 @@
+//! What a pack keeps of a total map: values as exact as asked for, and none that the texture map has.
+
+use crate::format::tiles::{self, CONSTANT, DATA, TEXTURED, TileMap, half_to_f32};
+use crate::ids::SurfaceId;
+use crate::psf::Psf;
+use crate::textured::Texture;
+use serde::Serialize;
+
+/// The smallest f16 with full precision; what is darker is measured against it.
+const DIMMEST: f32 = 6.103_515_6e-5;
+
+/// A map with values off by at most `max_error`, see [`Deviation`]. Surfaces for which `keep` is false
+/// are left out.
+pub fn reduced(
+    map: &TileMap,
+    (psf, exponent): (&Psf, i32),
+    texture: &Texture,
+    keep: impl Fn(SurfaceId) -> bool,
+    max_error: f32,
+) -> Vec<u8> {
+    let step = step(max_error);
+    tiles::rewritten(map, keep, |slot, rgb| {
+        if !matches!(slot.state, DATA | CONSTANT) {
+            return slot.state;
+        }
+        let at = rgb.len();
+        let is_near = |found: &[u16]| {
+            let found = found.as_chunks().0.iter();
+            slot.values().zip(found).all(|(true_, found)| error(true_, *found) <= max_error)
+        };
+        if texture.values(psf, slot, exponent, rgb) && is_near(&rgb[at..]) {
+            rgb.truncate(at);
+            return TEXTURED;
+        }
+        rgb.truncate(at);
+        slot.copy(rgb);
+        rgb[at..].iter_mut().for_each(|bits| *bits = rounded(*bits, step));
+        if !is_near(&rgb[at..]) {
+            rgb.truncate(at);
+            slot.copy(rgb);
+        }
+        slot.state
+    })
+}
+
+/// A map without the surfaces for which `keep` is false.
+pub fn kept(map: &TileMap, keep: impl Fn(SurfaceId) -> bool) -> Vec<u8> {
+    tiles::rewritten(map, keep, |slot, rgb| {
+        slot.copy(rgb);
+        slot.state
+    })
+}
+
+/// Bits of an f16, read as a number, rise with its logarithm, about 1024 a binade: their rounding to
+/// multiples of this keeps a value's relative error within `max_error`.
+fn step(max_error: f32) -> u16 {
+    ((2048.0 * max_error / (1.0 + max_error)) as u16).max(1)
+}
+
+/// The nearest multiple of `step` that is finite.
+fn rounded(bits: u16, step: u16) -> u16 {
+    let up = (bits + step / 2) / step * step;
+    if up < 0x7c00 { up } else { bits / step * step }
+}
+
+/// How far a cell's value is from the true one: its worst channel against the brightest true one.
+fn error(true_bits: [u16; 3], bits: [u16; 3]) -> f32 {
+    if true_bits == bits {
+        return 0.0;
+    }
+    let (true_, other) = (true_bits.map(half_to_f32), bits.map(half_to_f32));
+    let most = true_.iter().fold(DIMMEST, |a, b| a.max(*b));
+    let off = |c: usize| (true_[c] - other[c]).abs();
+    off(0).max(off(1)).max(off(2)) / most
+}
+
+/// How far the values of a packed map are from the true ones: of each cell the worst channel, against
+/// the brightest true one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Deviation {
+    /// Of the cell that is off most.
+    pub worst: f32,
+    /// Where that is; `None` when nothing is off.
+    pub at: Option<Place>,
+    /// Sum over all cells.
+    pub sum: f64,
+    /// How many there are.
+    pub cells: u64,
+}
+
+/// A surface's cells in a tile, in one sense.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Place {
+    /// The direction.
+    pub direction: u32,
+    /// Column and row of the tile.
+    pub tile: [u32; 2],
+    /// The surface.
+    pub surface: u32,
+    /// 0 along the direction, 1 against it.
+    pub sense: usize,
+}
+
+impl Deviation {
+    /// Of a map that has every value in place, against the true one; `keep` as it was packed with. `None`
+    /// when they have other cells.
+    pub fn of(
+        direction: u32,
+        (true_, found): (&TileMap, &TileMap),
+        keep: impl Fn(SurfaceId) -> bool,
+    ) -> Option<Deviation> {
+        let mut deviation = Deviation::default();
+        let mut found = found.slots();
+        for slot in true_.slots().filter(|slot| keep(slot.surface)) {
+            let other = found.next().filter(|other| other.is_same_place(&slot))?;
+            if slot.is_stored_alike(&other) {
+                deviation.cells += u64::from(slot.covered_count());
+                continue;
+            }
+            for (value, packed) in slot.values().zip(other.values()) {
+                let off = error(value, packed);
+                deviation.cells += 1;
+                deviation.sum += f64::from(off);
+                if off > deviation.worst {
+                    let m = true_.tile_edge();
+                    let tile = [slot.origin.i / m, slot.origin.j / m];
+                    let (surface, sense) = (slot.surface.0, slot.sense.slot());
+                    deviation.worst = off;
+                    deviation.at = Some(Place { direction, tile, surface, sense });
+                }
+            }
+        }
+        found.next().is_none().then_some(deviation)
+    }
+
+    /// Takes another map's in.
+    pub fn add(&mut self, other: &Deviation) {
+        if other.worst > self.worst {
+            (self.worst, self.at) = (other.worst, other.at);
+        }
+        self.sum += other.sum;
+        self.cells += other.cells;
+    }
+
+    /// Over all cells.
+    pub fn mean(&self) -> f64 {
+        self.sum / self.cells.max(1) as f64
+    }
+}

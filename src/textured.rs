@@ -1,0 +1,140 @@
+//! What a diffuse surface shows in the cells of a parallel subfield, as the Total Texture Map has it.
+//!
+//! Transport is linear, so a diffuse surface's total map is a resampling of its Total Texture Map; a
+//! pack need not store what the other already says. A slot of a tile map that is *textured* has in each
+//! covered cell the texture map's value where the cell's middle ray meets the surface's plane, rounded to
+//! f16. That place is an affine function of column and row, so a value takes a few operations. None of
+//! them is left to the machine: packer and reader find the same bits.
+
+use crate::format::Fault;
+use crate::format::tiles::{self, DATA, Slot, TEXTURED, TileMap};
+use crate::ids::{Cell, Side, SurfaceId};
+use crate::psf::Psf;
+use crate::radiance::Rgb;
+use crate::scene::Scene;
+use crate::scene::texels::{Lattice, Texels, sample_at};
+use glam::{DVec2, DVec3};
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+
+/// The cosine between a line and a plane's normal below which the line runs along the plane.
+const EDGE_ON: f64 = 1e-4;
+
+/// A scene's Total Texture Map.
+#[derive(Clone, Copy)]
+pub struct Texture<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Where the texels lie.
+    pub texels: &'a Texels,
+    /// P^T, two values a texel, W sr^-1 m^-2.
+    pub total: &'a [Rgb],
+}
+
+/// One surface's lattice under the cells of one parallel subfield.
+struct Under<'a> {
+    lattice: &'a Lattice,
+    /// Place of the middle of cell (0, 0), in texels, and what a column and a row add.
+    origin: DVec2,
+    column: DVec2,
+    row: DVec2,
+    cosine: f64,
+}
+
+impl Texture<'_> {
+    /// Appends the bits that a slot's covered cells have when it is textured, three f16 each, scaled by
+    /// `2^-exponent`; `false`, and nothing, when it cannot be: a mirror, or seen edge-on.
+    pub fn values(&self, psf: &Psf, slot: &Slot, exponent: i32, rgb: &mut Vec<u16>) -> bool {
+        let Some(under) = self.under(psf, slot.surface) else { return false };
+        let facing = under.cosine * f64::from(slot.sense.sign());
+        let side = if facing > 0.0 { Side::Front } else { Side::Back };
+        let scale = (-f64::from(exponent)).exp2() as f32;
+        let mut channels = Vec::with_capacity(3 * slot.covered_count() as usize);
+        slot.covered(|Cell { i, j }| {
+            let at = under.origin + under.column * f64::from(i) + under.row * f64::from(j);
+            let value = sample_at(self.texels, self.total, under.lattice, side, at.as_vec2());
+            channels.extend(value.0.map(|c| storable(c * scale)));
+        });
+        let mut halves = vec![f16::ZERO; channels.len()];
+        halves.convert_from_f32_slice(&channels);
+        rgb.extend(halves.iter().map(|h| h.to_bits()));
+        true
+    }
+
+    fn under(&self, psf: &Psf, id: SurfaceId) -> Option<Under<'_>> {
+        let cosine = cosine(self.scene, psf, id)?;
+        let surface = self.scene.surface(id);
+        let [right, up, along] = [psf.right, psf.up, psf.direction].map(|v| v.as_dvec3());
+        let (normal, origin) = (surface.normal.as_dvec3(), surface.origin.as_dvec3());
+        // Where the ray through p of the subfield meets the plane; linear but for the plane's distance.
+        let slide = |p: DVec3, distance: f64| p + along * ((distance - normal.dot(p)) / cosine);
+        let edge = 2.0 / f64::from(psf.resolution);
+        let middle = (right + up) * (0.5 * edge - 1.0);
+        let lattice = &self.texels.lattices[id.index()];
+        let (u, v, density) =
+            (surface.u.as_dvec3(), surface.v.as_dvec3(), lattice.density.as_dvec2());
+        let in_texels = |p: DVec3| DVec2::new(p.dot(u), p.dot(v)) * density;
+        Some(Under {
+            lattice,
+            origin: in_texels(slide(middle, normal.dot(origin)) - origin),
+            column: in_texels(slide(right * edge, 0.0)),
+            row: in_texels(slide(up * edge, 0.0)),
+            cosine,
+        })
+    }
+}
+
+/// The nearest number that an f16 of a tile map can be. What is not a number, as on a surface without
+/// extent, becomes 0.
+#[allow(clippy::manual_clamp, reason = "that would keep what is not a number")]
+fn storable(value: f32) -> f32 {
+    value.max(0.0).min(65504.0)
+}
+
+/// Refuses a pack's map that leaves to the texture map what that does not know.
+///
+/// # Errors
+/// When a mirror, or a surface on edge, is textured.
+pub fn check(map: &TileMap, psf: &Psf, scene: &Scene) -> Result<(), Fault> {
+    let is_known =
+        |slot: Slot| slot.state != TEXTURED || cosine(scene, psf, slot.surface).is_some();
+    match map.slots().all(is_known) {
+        true => Ok(()),
+        false => Err(Fault::invalid("tile map: a mirror, or a surface on edge, is textured")),
+    }
+}
+
+/// The cosine between a line and the normal of a surface whose cells can be textured.
+fn cosine(scene: &Scene, psf: &Psf, id: SurfaceId) -> Option<f64> {
+    let normal = scene.surface(id).normal.as_dvec3();
+    let cosine = normal.dot(psf.direction.as_dvec3());
+    let is_mirror = scene.material_of(id).reflectance.is_mirror();
+    (!is_mirror && cosine.abs() >= EDGE_ON).then_some(cosine)
+}
+
+/// The bytes of a pack's map with every value in place.
+///
+/// # Errors
+/// As [`check`].
+pub fn filled(
+    map: &TileMap,
+    psf: &Psf,
+    exponent: i32,
+    texture: &Texture,
+) -> Result<Vec<u8>, Fault> {
+    check(map, psf, texture.scene)?;
+    Ok(tiles::rewritten(
+        map,
+        |_| true,
+        |slot, rgb| match slot.state {
+            TEXTURED => {
+                texture.values(psf, slot, exponent, rgb);
+                DATA
+            }
+            state => {
+                slot.copy(rgb);
+                state
+            }
+        },
+    ))
+}
