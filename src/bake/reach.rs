@@ -66,32 +66,32 @@ struct Reach {
     parent: Vec<u32>,
     /// Values that were joined front to front.
     open: Vec<bool>,
-    /// For backs: what they see.
+    /// What each sees of the other kind: backs of fronts, fronts of backs.
     seen: Vec<Seen>,
 }
 
-/// What a back sees. A closed solid's inside sees no front; but where facets meet in an edge, rounding
-/// lets a line through now and then, and one such line must not light the inside.
+/// What a value sees of the other kind. A closed solid's inside sees no front; but where facets meet in
+/// an edge, rounding lets a line through now and then, and one such line must not light the inside.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     lines: u32,
-    fronts: u32,
-    /// The first front that it sees.
-    front: u32,
+    others: u32,
+    /// The first one of the other kind that it sees.
+    other: u32,
 }
 
 impl Seen {
-    const NOTHING: Seen = Seen { lines: 0, fronts: 0, front: u32::MAX };
+    const NOTHING: Seen = Seen { lines: 0, others: 0, other: u32::MAX };
 
     fn add(&mut self, other: Seen) {
         self.lines = self.lines.saturating_add(other.lines);
-        self.fronts = self.fronts.saturating_add(other.fronts);
-        self.front = self.front.min(other.front);
+        self.others = self.others.saturating_add(other.others);
+        self.other = self.other.min(other.other);
     }
 
-    /// Whether fronts are more of what it sees than rounding makes them: a hundredth.
+    /// Whether the other kind is more of what it sees than rounding makes it: a hundredth.
     fn is_open(self) -> bool {
-        u64::from(self.fronts) * 100 >= u64::from(self.lines) && self.fronts > 0
+        u64::from(self.others) * 100 >= u64::from(self.lines) && self.others > 0
     }
 }
 
@@ -224,15 +224,13 @@ impl Reach {
                 return;
             }
             // Even values are fronts.
-            let is_front = |value: usize| value % 2 == 0;
-            for (back, other) in [(a, b), (b, a)] {
-                if !is_front(back) {
-                    let (fronts, front) = match is_front(other) {
-                        true => (1, other as u32),
-                        false => (0, u32::MAX),
-                    };
-                    self.seen[back].add(Seen { lines: 1, fronts, front });
-                }
+            let is_front = |value: usize| value.is_multiple_of(2);
+            for (value, other) in [(a, b), (b, a)] {
+                let (others, other) = match is_front(value) == is_front(other) {
+                    true => (0, u32::MAX),
+                    false => (1, other as u32),
+                };
+                self.seen[value].add(Seen { lines: 1, others, other });
             }
             if is_front(a) == is_front(b) {
                 self.join(a as u32, b as u32);
@@ -244,10 +242,12 @@ impl Reach {
     /// The values that no light can come to.
     fn sealed(mut self, shared: &Shared, cut: &[bool]) -> Sealed {
         let values = self.parent.len();
-        for back in 0..values {
-            let seen = self.seen[back];
-            if seen.is_open() {
-                self.join(back as u32, seen.front);
+        // Of a back and a front that see each other, the back says whether that counts.
+        for value in 0..values {
+            let other = self.seen[value].other;
+            let back = if value.is_multiple_of(2) { other } else { value as u32 };
+            if other != u32::MAX && self.seen[back as usize].is_open() {
+                self.join(value as u32, other);
             }
         }
         let roots: Vec<usize> = (0..values as u32).map(|v| self.root(v) as usize).collect();
