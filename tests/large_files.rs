@@ -52,7 +52,8 @@ fn chunks_are_found_beyond_four_gibibytes() {
         optional: 0,
     };
     let id = |kind, direction| ChunkId { kind, cycle: 1, direction };
-    let mut writer = ContainerWriter::new(Sparse(File::create(&path).unwrap()), header, 12).unwrap();
+    let mut writer =
+        ContainerWriter::new(Sparse(File::create(&path).unwrap()), header, 12).unwrap();
     for kind in [ChunkKind::Record, ChunkKind::Scene, ChunkKind::TotalTexture] {
         writer.chunk(id(kind, NO_DIRECTION), Codec::Raw, b"!").unwrap();
     }

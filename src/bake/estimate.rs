@@ -5,9 +5,9 @@
 //!
 //! Two things are wrong with a texture map. Its lines are finitely many: what one half of them says
 //! differs from what both say by as much as both are wrong, were the halves independent; those of a
-//! lattice make up for each other, and what both say is better than that ([`LATTICE`]). And between
+//! lattice make up for each other, and what both say is better than that (`LATTICE`). And between
 //! texels radiance is bilinear, of averages over texels: an edge of light is washed out. How much
-//! follows from the map's second differences ([`WASHED_OUT`]), less what of them the halves do not agree
+//! follows from the map's second differences (`WASHED_OUT`), less what of them the halves do not agree
 //! on. Cycles add up in the maps, so that what their errors have in common is in the estimate.
 
 use crate::directions::Directions;

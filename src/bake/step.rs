@@ -102,7 +102,7 @@ impl Cycle<'_> {
 pub struct Scratch {
     layers: Layers,
     /// Sums over the lines of each half, two a texel, and one for the space outside, which is taken
-    /// into the tally tile by tile; see [`half_of`](super::estimate::half_of).
+    /// into the tally tile by tile; see [`half_of`].
     pub sums: [Vec<Fixed>; 2],
     /// Sums for the ledger.
     pub tally: Tally,
