@@ -20,7 +20,7 @@ impl Quality {
     pub fn perturbations(self) -> (Vec<u32>, u32) {
         match self {
             Quality::Draft => (vec![1], 0),
-            Quality::Preview => (vec![8, 4, 2, 1], 1),
+            Quality::Preview => (vec![8, 2, 1], 1),
             Quality::Final => (vec![64, 16, 8, 4], 1),
         }
     }
