@@ -9,8 +9,9 @@ use crate::format::container::ChunkKind;
 use crate::gather::{Around, mirrored};
 use crate::ids::{DirectionId, Sense, Side};
 use crossbeam::channel::{Receiver, Sender, bounded};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
+use std::convert::Infallible;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::{slice, thread};
 
 /// Threads that read.
 const READERS: usize = 2;
@@ -68,8 +69,24 @@ impl Wanted<'_> {
     }
 }
 
-/// Runs `work` with a queue of directions, in order, whose pages have been read if there was room.
-/// No more come once `enough` says so.
+/// A direction that a reader has begun with, and what ends once its pages are there.
+type Begun = (u32, Receiver<Infallible>);
+
+/// Directions in the order asked for, each handed out once its pages have been read if there was room.
+pub struct Queue(Receiver<Begun>);
+
+impl Iterator for &Queue {
+    type Item = u32;
+
+    fn next(&mut self) -> Option<u32> {
+        let (direction, read) = self.0.recv().ok()?;
+        // Nothing is ever sent: the reader lets go of the other end.
+        let _ = read.recv();
+        Some(direction)
+    }
+}
+
+/// Runs `work` with a queue of the directions of `todo`. No more come once `enough` says so.
 ///
 /// # Errors
 /// That of `work`. A reader's is left to the step that needs the page: it will meet it again.
@@ -78,28 +95,32 @@ pub fn ahead<T>(
     todo: &[u32],
     workers: usize,
     enough: impl Fn() -> bool + Sync,
-    work: impl FnOnce(&Receiver<u32>) -> Result<T, FieldError>,
+    work: impl FnOnce(&Queue) -> Result<T, FieldError>,
 ) -> Result<T, FieldError> {
     let (sender, receiver) = bounded(AHEAD * workers);
-    let next = AtomicUsize::new(0);
-    let read = |sender: Sender<u32>| {
-        while let Some(direction) = todo.get(next.fetch_add(1, Ordering::Relaxed)) {
-            // Only pages are lost by a failure here: the step reads them itself, and says why.
-            let _ = wanted.read(*direction);
-            if enough() || sender.send(*direction).is_err() {
-                return;
-            }
-        }
+    // Held while a direction is put into the queue, so that two readers keep their order.
+    let left = Arc::new(Mutex::new((todo.iter(), sender)));
+    let begin = |left: &Mutex<(slice::Iter<u32>, Sender<Begun>)>| {
+        let mut left = left.lock().unwrap_or_else(PoisonError::into_inner);
+        let direction = *left.0.next()?;
+        let (reading, read) = bounded(0);
+        (!enough() && left.1.send((direction, read)).is_ok()).then_some((direction, reading))
     };
-    let read = &read;
-    thread::scope(|scope| {
-        for sender in vec![sender; READERS] {
-            scope.spawn(move || read(sender));
+    let (begin, queue) = (&begin, Queue(receiver));
+    thread::scope(move |scope| {
+        // The last of them takes the sender with it, which ends the queue.
+        for left in vec![left; READERS] {
+            scope.spawn(move || {
+                while let Some((direction, reading)) = begin(&left) {
+                    // Only pages are lost by a failure here: the step reads them itself, and says why.
+                    let _ = wanted.read(direction);
+                    drop(reading);
+                }
+            });
         }
-        let result = work(&receiver);
-        // Readers that wait to hand a direction over are let go.
-        drop(receiver);
-        result
+        // This takes the queue with it, before the readers are waited for: those that wait for room in
+        // it are let go.
+        work(&queue)
     })
 }
 
@@ -130,6 +151,34 @@ mod tests {
             }
         }
         reads
+    }
+
+    #[test]
+    fn directions_come_in_order_and_the_queue_ends() {
+        let (scene, _) = Scene::bundled("cornell_mirror").unwrap();
+        let parameters = Parameters::default();
+        let texels = crate::bake::texels(&scene, &parameters);
+        let shared = Shared {
+            scene: &scene,
+            texels: &texels,
+            outlines: &Outlines::new(&scene, &texels),
+            directions: &Directions::with_lines(9).unwrap(),
+            parameters: &parameters,
+            quantum: Quantum::new(1.0),
+            exponent: 0,
+        };
+        let sealed = Sealed::none(2 * texels.len());
+        let wanted = Wanted { pages: None, gathers: false, shared: &shared, sealed: &sealed };
+        let todo: Vec<u32> = (0..200).rev().collect();
+        let all = |queue: &Queue| Ok(queue.into_iter().collect::<Vec<_>>());
+        for _ in 0..50 {
+            assert_eq!(ahead(&wanted, &todo, 2, || false, all).unwrap(), todo);
+        }
+        let none = ahead(&wanted, &todo, 2, || true, all).unwrap();
+        assert!(none.is_empty());
+        // One that takes no more lets the readers go.
+        let first = |mut queue: &Queue| Ok(queue.next());
+        assert_eq!(ahead(&wanted, &todo, 1, || false, first).unwrap(), Some(199));
     }
 
     #[test]
