@@ -13,9 +13,9 @@ use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::{Lattice, Texels, sample_at};
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec2};
 use half::f16;
-use half::slice::HalfFloatSliceExt;
+use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 
 /// The cosine between a line and a plane's normal below which the line runs along the plane.
 const EDGE_ON: f64 = 1e-4;
@@ -49,16 +49,44 @@ impl Texture<'_> {
         let facing = under.cosine * f64::from(slot.sense.sign());
         let side = if facing > 0.0 { Side::Front } else { Side::Back };
         let scale = (-f64::from(exponent)).exp2() as f32;
-        let mut channels = Vec::with_capacity(3 * slot.covered_count() as usize);
+        let mut places = [Vec2::ZERO; BLOCK];
+        let mut count = 0;
         slot.covered(|Cell { i, j }| {
             let at = under.origin + under.column * f64::from(i) + under.row * f64::from(j);
-            let value = sample_at(self.texels, self.total, under.lattice, side, at.as_vec2());
-            channels.extend(value.0.map(|c| storable(c * scale)));
+            places[count] = at.as_vec2();
+            count += 1;
+            if count == BLOCK {
+                self.append(&places, under.lattice, side, scale, rgb);
+                count = 0;
+            }
         });
-        let mut halves = vec![f16::ZERO; channels.len()];
-        halves.convert_from_f32_slice(&channels);
-        rgb.extend(halves.iter().map(|h| h.to_bits()));
+        self.append(&places[..count], under.lattice, side, scale, rgb);
         true
+    }
+
+    /// Appends the bits of values at places of a lattice, at most [`BLOCK`] of them.
+    fn append(
+        &self,
+        places: &[Vec2],
+        lattice: &Lattice,
+        side: Side,
+        scale: f32,
+        rgb: &mut Vec<u16>,
+    ) {
+        // Each step for all: a texel that has to be waited for holds nothing else up.
+        let mut blocks = [([0; 4], Vec2::ZERO); BLOCK];
+        for (block, at) in blocks.iter_mut().zip(places) {
+            *block = lattice.around(*at);
+        }
+        let mut values = [[0.0; 3]; BLOCK];
+        for ((value, block), at) in values.iter_mut().zip(&blocks).zip(places) {
+            let found = sample_at(self.texels, self.total, lattice, side, (*at, *block));
+            *value = found.0.map(|c| storable(c * scale));
+        }
+        let end = rgb.len();
+        rgb.resize(end + 3 * places.len(), 0);
+        let halves: &mut [f16] = rgb[end..].reinterpret_cast_mut();
+        halves.convert_from_f32_slice(values[..places.len()].as_flattened());
     }
 
     fn under(&self, psf: &Psf, id: SurfaceId) -> Option<Under<'_>> {
@@ -84,8 +112,12 @@ impl Texture<'_> {
     }
 }
 
+/// Values that are sampled at a time.
+const BLOCK: usize = 64;
+
 /// The nearest number that an f16 of a tile map can be. What is not a number, as on a surface without
 /// extent, becomes 0.
+#[inline]
 #[allow(clippy::manual_clamp, reason = "that would keep what is not a number")]
 fn storable(value: f32) -> f32 {
     value.max(0.0).min(65504.0)
