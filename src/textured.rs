@@ -7,8 +7,8 @@
 //! them is left to the machine: packer and reader find the same bits.
 
 use crate::format::Fault;
-use crate::format::tiles::{self, DATA, Slot, TEXTURED, TileMap};
-use crate::ids::{Cell, Side, SurfaceId};
+use crate::format::tiles::{self, DATA, Slot, TEXTURED, TileMap, half_to_f32};
+use crate::ids::{Cell, Sense, Side, SurfaceId};
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -32,7 +32,7 @@ pub struct Texture<'a> {
 }
 
 /// One surface's lattice under the cells of one parallel subfield.
-struct Under<'a> {
+pub struct Under<'a> {
     lattice: &'a Lattice,
     /// Place of the middle of cell (0, 0), in texels, and what a column and a row add.
     origin: DVec2,
@@ -41,19 +41,29 @@ struct Under<'a> {
     cosine: f64,
 }
 
-impl Texture<'_> {
+impl Under<'_> {
+    fn side(&self, sense: Sense) -> Side {
+        let facing = self.cosine * f64::from(sense.sign());
+        if facing > 0.0 { Side::Front } else { Side::Back }
+    }
+
+    /// The place of a cell, in texels.
+    #[inline]
+    fn at(&self, Cell { i, j }: Cell) -> Vec2 {
+        (self.origin + self.column * f64::from(i) + self.row * f64::from(j)).as_vec2()
+    }
+}
+
+impl<'a> Texture<'a> {
     /// Appends the bits that a slot's covered cells have when it is textured, three f16 each, scaled by
     /// `2^-exponent`; `false`, and nothing, when it cannot be: a mirror, or seen edge-on.
     pub fn values(&self, psf: &Psf, slot: &Slot, exponent: i32, rgb: &mut Vec<u16>) -> bool {
         let Some(under) = self.under(psf, slot.surface) else { return false };
-        let facing = under.cosine * f64::from(slot.sense.sign());
-        let side = if facing > 0.0 { Side::Front } else { Side::Back };
-        let scale = (-f64::from(exponent)).exp2() as f32;
+        let (side, scale) = (under.side(slot.sense), power(-exponent));
         let mut places = [Vec2::ZERO; BLOCK];
         let mut count = 0;
-        slot.covered(|Cell { i, j }| {
-            let at = under.origin + under.column * f64::from(i) + under.row * f64::from(j);
-            places[count] = at.as_vec2();
+        slot.covered(|cell| {
+            places[count] = under.at(cell);
             count += 1;
             if count == BLOCK {
                 self.append(&places, under.lattice, side, scale, rgb);
@@ -89,7 +99,20 @@ impl Texture<'_> {
         halves.convert_from_f32_slice(values[..places.len()].as_flattened());
     }
 
-    fn under(&self, psf: &Psf, id: SurfaceId) -> Option<Under<'_>> {
+    /// The radiance that one cell has in a slot that is textured; `under` is its surface's lattice.
+    pub fn value(&self, under: &Under, sense: Sense, cell: Cell, exponent: i32) -> Rgb {
+        let at = under.at(cell);
+        let around = (at, under.lattice.around(at));
+        let found = sample_at(self.texels, self.total, under.lattice, under.side(sense), around);
+        let scale = power(-exponent);
+        let mut bits = [f16::ZERO; 3];
+        bits.convert_from_f32_slice(&found.0.map(|c| storable(c * scale)));
+        Rgb(bits.map(|h| half_to_f32(h.to_bits()) * power(exponent)))
+    }
+
+    /// The lattice of a surface under the cells of a subfield; `None` for what is never textured: a
+    /// mirror, or a surface seen edge-on.
+    pub fn under(&self, psf: &Psf, id: SurfaceId) -> Option<Under<'a>> {
         let cosine = cosine(self.scene, psf, id)?;
         let surface = self.scene.surface(id);
         let [right, up, along] = [psf.right, psf.up, psf.direction].map(|v| v.as_dvec3());
@@ -110,6 +133,11 @@ impl Texture<'_> {
             cosine,
         })
     }
+}
+
+/// 2^exponent, of an exponent that a field may have.
+fn power(exponent: i32) -> f32 {
+    f32::from_bits(((127 + exponent) as u32) << 23)
 }
 
 /// Values that are sampled at a time.
