@@ -49,18 +49,23 @@ impl Around {
         surface: SurfaceId,
         point: Vec3,
     ) -> Option<Rgb> {
-        let mut lookups = [0, 1, 2]
-            .map(|k| maps[k].as_ref().map(|map| Lookup::new(*map, surface, self.near[k].sense)));
-        self.blend(&mut lookups, point)
+        self.blend(point, |k| maps[k].map(|map| Lookup::new(map, surface, self.near[k].sense)))
     }
 
-    /// The same from cells that are at hand.
-    pub fn blend(&self, cells: &mut [Option<impl Cells>; 3], point: Vec3) -> Option<Rgb> {
+    /// The same from cells that are at hand; `cells` is asked for those of each of the three.
+    pub fn blend<C: Cells>(
+        &self,
+        point: Vec3,
+        mut cells: impl FnMut(usize) -> Option<C>,
+    ) -> Option<Rgb> {
         let mut sum = Rgb::BLACK;
         let mut weight = 0.0;
-        for ((near, psf), cells) in self.near.iter().zip(&self.psfs).zip(cells) {
-            let Some(cells) = cells.as_mut().filter(|_| near.weight > 0.0) else { continue };
-            if let Some(radiance) = between_cells(cells, psf, point) {
+        for (k, (near, psf)) in self.near.iter().zip(&self.psfs).enumerate() {
+            if near.weight <= 0.0 {
+                continue;
+            }
+            let Some(mut cells) = cells(k) else { continue };
+            if let Some(radiance) = between_cells(&mut cells, psf, point) {
                 sum += radiance * near.weight;
                 weight += near.weight;
             }

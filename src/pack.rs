@@ -86,6 +86,9 @@ pub struct Options {
     pub memory: u64,
 }
 
+/// [`Options::max_error`] of `vlf-pack` unless it is told another.
+pub const USUAL_ERROR: f32 = 0.002;
+
 /// The largest [`Options::max_error`].
 pub const MOST_ERROR: f32 = 0.25;
 
@@ -275,6 +278,29 @@ fn maps_at_a_time(
 
 /// Maps packed at a time, whatever the memory.
 const MOST_MAPS: u64 = 256;
+
+/// What a total map takes in a pack as `vlf-pack` makes it unless it is told otherwise: bytes that are
+/// stored, and values among them. Surfaces for which `keep` is false are left out.
+///
+/// # Errors
+/// When memory does not suffice.
+pub fn usual_size(
+    map: &TileMap,
+    (psf, exponent): (&Psf, i32),
+    texture: &Texture,
+    keep: impl Fn(SurfaceId) -> bool,
+) -> Result<(u64, u64), FieldError> {
+    let reduced = reduce::reduced(map, (psf, exponent), texture, keep, USUAL_ERROR);
+    let tiles = (map.resolution(), map.tile_edge());
+    let surfaces = texture.scene.surfaces.len() as u32;
+    let layout = Layout::check_packed(&reduced.map, tiles, surfaces, exponent);
+    let layout = layout.map_err(|fault| fault.in_file("total map"))?;
+    let kept = TileMap::new(&reduced.map, &layout);
+    let planes = to_planes(&kept);
+    let failed = FieldError::io("encode", Path::new("total map"));
+    let stored = encode(Codec::Planes, &planes).map_err(failed)?;
+    Ok((stored.len() as u64, kept.value_count() as u64))
+}
 
 /// What the maps of a field are packed with.
 struct Packer<'a> {

@@ -6,6 +6,7 @@ use anyhow::Context;
 use glam::DVec3;
 use serde_json::json;
 use std::path::Path;
+use std::time::Instant;
 use vlf::Visible;
 use vlf::format::text::shown;
 use vlf::look::image::{Picture, write_exr, write_png};
@@ -29,10 +30,12 @@ pub fn run(a: &args::Render) -> anyhow::Result<u8> {
     let camera = camera(a)?;
     may_replace(&a.output, kind)?;
     let access = if a.no_map { Access::Read } else { Access::Mapped };
+    let began = Instant::now();
     let field = LightField::open_within(&a.field, access, &a.limits)?;
     let field = field.with_memory(a.memory.as_u64());
     let visible = Visible::new(&field.scene);
     check_eye(&field, &visible, &camera)?;
+    let opening = began.elapsed().as_secs_f64();
     let options = (a.method.into(), Options { samples: a.samples });
     let (mut picture, missing, seconds) = match a.tolerate {
         true => take_tolerant(&field, &visible, &camera, options, a.threads)?,
@@ -50,6 +53,7 @@ pub fn run(a: &args::Render) -> anyhow::Result<u8> {
     if a.json {
         let pixels = json!([camera.width, camera.height]);
         let mut out = json!({"picture": a.output, "size": pixels, "seconds": seconds});
+        out["opening_seconds"] = json!(opening);
         if a.tolerate {
             out["damaged_directions"] = json!(damaged);
             out["marked_pixels"] = json!(missing.len());

@@ -120,13 +120,12 @@ impl<'a> Accessor<'a> {
                 *place = Some(self.place(near.direction.0)?);
             }
         }
-        let mut shown = [0, 1, 2].map(|k| {
+        Ok(around.blend(point, |k| {
             let map = self.maps[places[k]?].as_ref()?;
             let lookup = Lookup::new(map.tiles(), surface, around.near[k].sense);
             let (psf, texture) = (&around.psfs[k], &self.texture);
             Some(Shown { lookup, map, psf, texture, under: None })
-        });
-        Ok(around.blend(&mut shown, point))
+        }))
     }
 
     /// For mirrors thinner than a cell: the first that is found in ever wider circles of directions.

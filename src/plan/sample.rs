@@ -11,9 +11,13 @@ use crate::bake::totals::{self, Mirrors};
 use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::format::container::{ALIGN, Codec, encode, length};
+use crate::format::manifest::Parameters;
+use crate::format::tiles::{Layout, TileMap};
 use crate::ids::DirectionId;
+use crate::pack::usual_size;
 use crate::paths::{MAX_DEPTH, Paths};
 use crate::psf::Psf;
+use crate::textured::Texture;
 use crate::visible::Visible;
 use rayon::prelude::*;
 use std::path::Path;
@@ -27,10 +31,10 @@ pub struct Sample {
     pub count: u32,
     /// Fragments of a line, divided by those of a line of the rehearsal.
     pub fragments: f64,
-    /// Mean bytes of a direction's file of total maps, and in a pack without and with compression.
+    /// Mean bytes of a direction's file of total maps.
     pub file: f64,
-    /// In a pack, without and with compression.
-    pub packed: [f64; 2],
+    /// In a pack, without compression, with zstd, and as it is packed usually.
+    pub packed: [f64; 3],
     /// Most of any direction.
     pub most: Extent,
     /// Most bytes of a total map.
@@ -44,6 +48,7 @@ struct Look {
     extent: Extent,
     raw: u64,
     zstd: u64,
+    usual: u64,
 }
 
 impl Sample {
@@ -74,13 +79,22 @@ impl Sample {
         let mirrors = visible.as_ref().map_or(Mirrors::None, |visible| {
             Mirrors::Traced(Paths { scene: shared.scene, visible, max_depth: MAX_DEPTH })
         });
+        let Shared { scene, texels, exponent, .. } = *shared;
+        let Parameters { resolution, tile, .. } = *shared.parameters;
+        let surfaces = scene.surfaces.len() as u32;
+        let texture = Texture { scene, texels, total: &rehearsal.total };
         let look = |scratch: &mut (Layers, totals::Scratch), id: DirectionId| {
             let extent = extent(shared, id, &mut scratch.0);
             let total = (rehearsal.total.as_slice(), lit.as_slice());
             let map = totals::total_map(shared, id, total, (mirrors, &sealed), &mut scratch.1);
             let failed = FieldError::io("encode", Path::new("total map"));
             let zstd = encode(Codec::Zstd, &map).map_err(failed)?.len() as u64;
-            Ok(Look { extent, raw: map.len() as u64, zstd })
+            let layout = Layout::check(&map, resolution, tile, surfaces, exponent);
+            let layout = layout.map_err(|fault| fault.in_file("total map"))?;
+            let psf = Psf::new(shared.directions.vector(id), resolution);
+            let tiles = TileMap::new(&map, &layout);
+            let (usual, _) = usual_size(&tiles, (&psf, exponent), &texture, |_| true)?;
+            Ok(Look { extent, raw: map.len() as u64, zstd, usual })
         };
         let looks = pool.install(|| {
             let looks = chosen.into_par_iter().map_init(Default::default, look);
@@ -127,13 +141,18 @@ impl Sample {
             |l: &Look| if mirrors > 0.0 { values * more(&l.extent) / mirrors } else { 0.0 };
         let raw = |l: &Look| (l.raw + arrived(l) as u64).next_multiple_of(8);
         let zstd = |l: &Look| l.zstd + (arrived(l) * rehearsal.ratios[1]) as u64;
+        let usual = |l: &Look| l.usual + (arrived(l) * rehearsal.ratios[2]) as u64;
         let aligned = |bytes: u64| bytes.next_multiple_of(ALIGN as u64) as f64;
         Sample {
             count: looks.len() as u32,
             fragments: of_looks(&|l| l.extent.fragments as f64)
                 / of_few(&|e| e.fragments as f64).max(1.0),
             file: of_looks(&|l| length([raw(l)].into_iter()) as f64),
-            packed: [of_looks(&|l| aligned(raw(l))), of_looks(&|l| aligned(zstd(l)))],
+            packed: [
+                of_looks(&|l| aligned(raw(l))),
+                of_looks(&|l| aligned(zstd(l))),
+                of_looks(&|l| aligned(usual(l))),
+            ],
             most: looks.iter().fold(Extent::default(), |most, l| most.most(l.extent)),
             largest: looks.iter().map(raw).max().unwrap_or(0),
             generations,

@@ -84,6 +84,7 @@ impl<'a> TileMap<'a> {
     }
 
     /// A surface in the tile that holds a cell; binary search over the tile's surfaces (section 6).
+    #[inline]
     pub fn entry(&self, cell: Cell, surface: SurfaceId) -> Option<TileEntry<'a>> {
         let Layout { n, m, .. } = *self.layout;
         let tile = (cell.j / m * n + cell.i / m) as usize;
@@ -160,6 +161,7 @@ impl TileEntry<'_> {
 
 impl<'a> TileEntry<'a> {
     /// What it shows in one sense, its tables looked up.
+    #[inline]
     pub fn seen(&self, sense: Sense) -> Seen<'a> {
         let slot = 2 * self.entry + sense.slot();
         let Layout { rgb_at, scale, .. } = *self.map.layout;
@@ -225,5 +227,6 @@ impl Seen<'_> {
 fn rgb_of(values: &[u8], number: usize, scale: f32) -> Rgb {
     let h = &values[6 * number..6 * number + 6];
     // Both products are exact; in one, 2^112 and the scale could overflow.
-    Rgb([0, 1, 2].map(|c| half_to_f32(u16_at(h, c)) * scale))
+    let channel = |c| half_to_f32(u16_at(h, c)) * scale;
+    Rgb([channel(0), channel(1), channel(2)])
 }
