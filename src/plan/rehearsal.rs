@@ -12,7 +12,7 @@ use crate::field::{FieldError, files, read_manifest};
 use crate::format::container::{ChunkKind, Codec, FileKind, NO_DIRECTION, encode};
 use crate::format::manifest::{Manifest, Parameters, Phase};
 use crate::format::names;
-use crate::format::tiles::{Layout, TileMap};
+use crate::format::tiles::{self, DARK, Layout, TileMap};
 use crate::ids::{DirectionId, SurfaceId};
 use crate::pack::usual_size;
 use crate::psf::Psf;
@@ -322,11 +322,17 @@ impl Rehearsal {
                 continue;
             }
             let psf = Psf::new(few.vector(DirectionId(direction)), resolution);
-            let layout = Layout::check(&map, resolution, tile, of.surfaces.len() as u32, exponent);
-            let tiles = layout.map_err(|f| FieldError::from(f.in_file(&name)))?;
-            let tiles = TileMap::new(&map, &tiles);
-            let more = usual_size(&tiles, (&psf, exponent), &texture, is_mirror)?;
-            (usual, values) = (usual + more.0, values + 6 * more.1);
+            let size = |map: &[u8]| {
+                let layout =
+                    Layout::check(map, resolution, tile, of.surfaces.len() as u32, exponent);
+                let layout = layout.map_err(|f| FieldError::from(f.in_file(&name)))?;
+                let tiles = TileMap::new(map, &layout);
+                let dark = tiles::rewritten(&tiles, is_mirror, |_, _| DARK);
+                usual_size(&tiles, (&psf, exponent), &texture, is_mirror).map(|size| (size, dark))
+            };
+            let ((bytes, count), dark) = size(&map)?;
+            let ((tables, _), _) = size(&dark)?;
+            (usual, values) = (usual + bytes.saturating_sub(tables), values + 6 * count);
         }
         let ratio = |raw: u64, packed: u64| packed as f64 / raw.max(1) as f64;
         let stored = files::read(storage, names::SCENE)?.len() as u64;
