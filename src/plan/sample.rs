@@ -17,6 +17,8 @@ use crate::ids::DirectionId;
 use crate::pack::usual_size;
 use crate::paths::{MAX_DEPTH, Paths};
 use crate::psf::Psf;
+use crate::radiance::Rgb;
+use crate::scene::texels::Texels;
 use crate::textured::Texture;
 use crate::visible::Visible;
 use rayon::prelude::*;
@@ -82,10 +84,12 @@ impl Sample {
         let Shared { scene, texels, exponent, .. } = *shared;
         let Parameters { resolution, tile, .. } = *shared.parameters;
         let surfaces = scene.surfaces.len() as u32;
-        let texture = Texture { scene, texels, total: &rehearsal.total };
+        let part = f64::from(rehearsal.lines) / f64::from(shared.parameters.directions);
+        let calm = calmed(texels, &rehearsal.total, part.sqrt() as f32);
+        let texture = Texture { scene, texels, total: &calm };
         let look = |scratch: &mut (Layers, totals::Scratch), id: DirectionId| {
             let extent = extent(shared, id, &mut scratch.0);
-            let total = (rehearsal.total.as_slice(), lit.as_slice());
+            let total = (calm.as_slice(), lit.as_slice());
             let map = totals::total_map(shared, id, total, (mirrors, &sealed), &mut scratch.1);
             let failed = FieldError::io("encode", Path::new("total map"));
             let zstd = encode(Codec::Zstd, &map).map_err(failed)?.len() as u64;
@@ -171,6 +175,39 @@ fn chosen(all: usize) -> Vec<usize> {
     };
     if count == all { (0..all).collect() } else { (0..count).map(place).collect() }
 }
+
+/// A texture map of few lines with as little noise as more would leave in it: what a texel differs by
+/// from the mean around it is mostly noise, and falls with the root of the number of lines. `part` is
+/// what is left of it.
+fn calmed(texels: &Texels, total: &[Rgb], part: f32) -> Vec<Rgb> {
+    let mut calm = total.to_vec();
+    if part >= 1.0 {
+        return calm;
+    }
+    for lattice in texels.lattices.iter().filter(|lattice| lattice.first < texels.diffuse) {
+        let around = |at: u32, end: u32| at.saturating_sub(AROUND)..(at + AROUND + 1).min(end);
+        let value = |column: u32, row: u32, side: usize| {
+            2 * (lattice.first + row * lattice.width + column) as usize + side
+        };
+        for (row, column) in
+            (0..lattice.height).flat_map(|r| (0..lattice.width).map(move |c| (r, c)))
+        {
+            let (rows, columns) = (around(row, lattice.height), around(column, lattice.width));
+            let count = (rows.len() * columns.len()) as f32;
+            for side in 0..2 {
+                let of_row =
+                    |r| columns.clone().map(move |c| total[value(c, r, side)]).sum::<Rgb>();
+                let mean = rows.clone().map(of_row).sum::<Rgb>() / count;
+                let at = value(column, row, side);
+                calm[at] = mean * (1.0 - part) + total[at] * part;
+            }
+        }
+    }
+    calm
+}
+
+/// Texels to each side that a mean is taken of.
+const AROUND: u32 = 2;
 
 /// The sides of surfaces that no light can come to anywhere.
 fn sealed_sides(shared: &Shared, sealed: &Sealed) -> Vec<[bool; 2]> {
