@@ -1,4 +1,4 @@
-//! The reader: a finished field, packed or not, opened for looking (section 6, first method).
+//! The reader: a field, packed or not, opened for looking (section 6, first method).
 //!
 //! In: a `.vlf` file, mapped or read piece by piece, or a field directory. Out: the scene, the Total Texture Maps, and
 //! the radiance of any surface at any point in any direction. Nothing is computed, only looked up.
@@ -26,6 +26,16 @@ use std::sync::Arc;
 
 /// Bytes that decoded maps may take, unless [`LightField::with_memory`] says otherwise.
 pub const MEMORY: u64 = 1 << 30;
+
+/// How often a field is opened again when the bake has removed what was about to be read.
+const OVERTAKEN: u32 = 3;
+
+/// Which fields will do.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wanted {
+    Finished,
+    Newest,
+}
 
 /// Why a field cannot be looked at.
 #[derive(Debug, thiserror::Error)]
@@ -59,7 +69,7 @@ pub enum LookError {
     },
 }
 
-/// A finished field, opened for looking.
+/// A field, opened for looking.
 pub struct LightField {
     /// The scene.
     pub scene: Scene,
@@ -127,9 +137,42 @@ impl LightField {
         limits: &Limits,
     ) -> Result<LightField, LookError> {
         match path.is_dir() {
-            true => Self::open_field(path, limits),
+            true => Self::open_field(path, limits, Wanted::Finished),
             false => Self::open_pack(path, access, limits),
         }
+    }
+
+    /// The same, but a field whose bake is under way is opened as well, at its newest whole generation:
+    /// with the light of all cycles that are committed. [`LightField::is_finished`] says which it is. Of an
+    /// unfinished field there are texture maps only, enough for
+    /// [`Method::Trace`](crate::look::render::method::Method).
+    ///
+    /// # Errors
+    /// When it is missing, neither of the two, or damaged.
+    pub fn open_newest(
+        path: &Path,
+        access: Access,
+        limits: &Limits,
+    ) -> Result<LightField, LookError> {
+        if !path.is_dir() {
+            return Self::open_pack(path, access, limits);
+        }
+        // Two commits later, the bake removes what is being read here; then there is something newer.
+        let mut opened = Self::open_field(path, limits, Wanted::Newest);
+        for _ in 0..OVERTAKEN {
+            match &opened {
+                Err(LookError::Io { source, .. }) if source.kind() == NotFound => {
+                    opened = Self::open_field(path, limits, Wanted::Newest);
+                }
+                _ => break,
+            }
+        }
+        opened
+    }
+
+    /// Whether all is there: the total radiance maps, too.
+    pub fn is_finished(&self) -> bool {
+        self.manifest.phase == Phase::Finished
     }
 
     fn open_pack(path: &Path, access: Access, limits: &Limits) -> Result<LightField, LookError> {
@@ -167,7 +210,7 @@ impl LightField {
         Self::assemble(&name, (scene, texels, total), manifest, &header, source)
     }
 
-    fn open_field(path: &Path, limits: &Limits) -> Result<LightField, LookError> {
+    fn open_field(path: &Path, limits: &Limits, wanted: Wanted) -> Result<LightField, LookError> {
         let manifest = |name: &str| match read(&path.join(name)) {
             Ok(bytes) => Ok(Some((path.join(name).display().to_string(), bytes))),
             Err(LookError::Io { source, .. }) if source.kind() == NotFound => Ok(None),
@@ -176,7 +219,7 @@ impl LightField {
         let [first, second] = names::MANIFESTS;
         let files = [manifest(first)?, manifest(second)?];
         let (header, manifest, _) = Manifest::newest(&path.display().to_string(), files, limits)?;
-        if manifest.phase != Phase::Finished {
+        if wanted == Wanted::Finished && manifest.phase != Phase::Finished {
             return Err(LookError::Unfinished {
                 path: path.to_owned(),
                 cycle: manifest.cycle,
