@@ -26,6 +26,10 @@ mod shots;
 
 mod bench;
 
+mod http;
+
+mod serve;
+
 mod window;
 
 #[cfg(test)]
@@ -38,6 +42,7 @@ use paint::Method;
 use source::{Feed, Opening};
 use state::Walkthrough;
 use std::io::Write;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -86,6 +91,10 @@ struct Args {
     /// Open no window: measure how long the frames of a walk take
     #[arg(long, value_name = "PATH.json")]
     bench: Option<PathBuf>,
+    /// Open no window: show the walk in a browser, at an address such as 127.0.0.1:8080. Other machines are
+    /// answered where the address is not a loopback one, if they have the token that is printed
+    #[arg(long, value_name = "ADDRESS:PORT", conflicts_with_all = ["bench", "record"])]
+    serve: Option<SocketAddr>,
     /// With --bench: one JSON object on standard output, times in milliseconds
     #[arg(long, requires = "bench")]
     json: bool,
@@ -117,6 +126,11 @@ fn view(args: &Args) -> anyhow::Result<()> {
     let feed = Arc::new(Feed::open(opening)?);
     let source = feed.now();
     let start = start.unwrap_or(source.start);
+    if let Some(address) = args.serve {
+        let (path, method, exposure) = (args.path.clone(), args.method, args.exposure);
+        let serve = serve::Serve { feed, path, start, method, exposure };
+        return serve::run(serve, address).with_context(|| format!("{address}: cannot be served"));
+    }
     let state = Walkthrough::new(start, source.speed, args.method, args.exposure)
         .with_views(Views::of(&args.path));
     drop(source);
