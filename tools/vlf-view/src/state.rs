@@ -47,6 +47,8 @@ pub struct Walkthrough {
     look: Look,
     /// The exposure is what a picture asked for, not the user.
     automatic: bool,
+    /// What is shown is of a bake under way.
+    unfinished: bool,
     /// The look has changed since the last job.
     relook: bool,
     pace: Pace,
@@ -74,6 +76,7 @@ impl Walkthrough {
             method,
             look: Look { exposure, curve: Curve::default() },
             automatic: exposure.is_none(),
+            unfinished: false,
             relook: false,
             pace: Pace::new(),
             refines: false,
@@ -209,7 +212,7 @@ impl Walkthrough {
         self.turned = true;
         self.pace.another_method();
         // A field of which more is baked is brighter.
-        if self.automatic {
+        if self.automatic && self.unfinished {
             self.look.exposure = None;
         }
     }
@@ -249,6 +252,7 @@ impl Walkthrough {
     /// `None`: what is shown is as good as it gets.
     pub fn next(&mut self, source: &Source, seconds: f64, size: (u32, u32)) -> Option<Job> {
         let Source { field, visible, .. } = source;
+        self.unfinished = !field.is_finished();
         let collides = self.collides;
         let stepped = self.walk.step(self.pressed, seconds, &|from, way| match collides {
             true => slide(&field.scene, visible, from, way),

@@ -47,7 +47,7 @@ python_packages() {
 programs_and_pack() {
     cargo build --release -p vlf -p vlf-pack -p vlf-view
     if [ -f "$PACK" ] && [ "$PACK" -nt "$VLF" ]; then return; fi
-    rm -rf "$WORK/room.field" "$PACK"
+    rm -rf "$WORK"/room.*
     "$VLF" scene cornell_mirror -o "$WORK/room.obj" >/dev/null
     "$VLF" bake "$WORK/room.obj" -o "$WORK/room.field" --quality draft --directions 129 \
         --resolution 32 --cycles 3 >"$WORK/bake.log" 2>&1 || complain "the bake failed: $WORK/bake.log"
