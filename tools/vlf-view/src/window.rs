@@ -96,6 +96,7 @@ pub fn run(show: Show) -> Result<Vec<TimedView>, WindowError> {
         proxy,
         worker,
         surface: None,
+        inner: PhysicalSize::default(),
         under_way: false,
         idle: true,
         last: Instant::now(),
@@ -135,6 +136,8 @@ struct App {
     proxy: EventLoopProxy<Told>,
     worker: Worker,
     surface: Option<Surface<OwnedDisplayHandle, Rc<Window>>>,
+    /// The window's size as it was last told; a window that is gone cannot be asked.
+    inner: PhysicalSize<u32>,
     /// The worker has a job.
     under_way: bool,
     /// The picture stands.
@@ -167,10 +170,11 @@ impl App {
 
     /// The size of the picture; `None` while there is nothing to see of it.
     fn size(&self) -> Option<(u32, u32)> {
-        let size = self.window()?.inner_size();
+        self.window()?;
+        let PhysicalSize { width, height } = self.inner;
         // What a camera can take; no screen is larger.
         let within = |n: u32| (1..=16_384).contains(&n);
-        (within(size.width) && within(size.height)).then_some((size.width, size.height))
+        (within(width) && within(height)).then_some((width, height))
     }
 
     /// Gives the worker what there is to do, unless it is busy with something better.
@@ -347,6 +351,7 @@ impl ApplicationHandler<Told> for App {
             Ok(window) => Rc::new(window),
             Err(e) => return self.fail(events, WindowError::NoDisplay(plain(&e.to_string()))),
         };
+        self.inner = window.inner_size();
         match Surface::new(&self.context, window) {
             Ok(surface) => self.surface = Some(surface),
             Err(e) => return self.fail(events, WindowError::NoDisplay(e.to_string())),
@@ -377,7 +382,14 @@ impl ApplicationHandler<Told> for App {
     fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         match event {
             WindowEvent::CloseRequested => return events.exit(),
-            WindowEvent::Resized(_) => self.redraw(),
+            WindowEvent::Destroyed => {
+                self.surface = None;
+                return events.exit();
+            }
+            WindowEvent::Resized(size) => {
+                self.inner = size;
+                self.redraw();
+            }
             // Keys released while another window has the keyboard are never heard of.
             WindowEvent::Focused(false) => {
                 self.show.state.let_go();
