@@ -271,14 +271,18 @@ impl Walkthrough {
         }
         let pass = self.pace.next(moves)?;
         (self.relook, self.refines) = (false, !moves);
-        let method = if field.is_finished() { self.method } else { Method::Trace };
+        // The first picture needs no maps, so that there is something to see at once.
+        let at_once = self.shown.is_none() || self.unfinished;
+        let method = if at_once { Method::Trace } else { self.method };
         Some(Job::Take(Shot { camera: self.camera(), pass, method }, self.look))
     }
 
     /// A job is done and its picture shown.
     pub fn took(&mut self, job: &Job, frame: Frame) {
         if let Job::Take(shot, look) = job {
-            self.pace.took(shot.pass, frame.time);
+            if self.shown.is_some() || self.method == Method::Trace {
+                self.pace.took(shot.pass, frame.time);
+            }
             // The look that was asked for meanwhile is another.
             self.relook |= *look != self.look;
         }

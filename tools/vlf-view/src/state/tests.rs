@@ -41,7 +41,9 @@ fn shot(job: &Job) -> Shot {
 #[test]
 fn at_rest_the_picture_becomes_what_render_makes() {
     let (source, mut state) = begun();
-    assert!(!rest(&mut state, &source).is_empty() && state.is_done());
+    let jobs = rest(&mut state, &source);
+    assert_eq!(shot(&jobs[0]).method, Method::Trace, "maps are waited for");
+    assert!(jobs[1..].iter().all(|job| shot(job).method == Method::Field) && state.is_done());
     let Source { field, visible, start, .. } = &source;
     let how = (vlf::Method::Field, vlf::look::render::Options::default());
     let camera = Camera { width: 32, height: 24, ..state.camera() };
