@@ -10,19 +10,19 @@ use embedded_graphics::prelude::{
     DrawTarget, Drawable, OriginDimensions, Pixel, Point, RgbColor, Size,
 };
 use embedded_graphics::text::{Baseline, Text};
-use rayon::prelude::*;
 use std::convert::Infallible;
 
 /// Fills rows of `width` pixels with a frame, whatever size it was taken for. Between its pixels colours
-/// go over into each other.
+/// go over into each other. On the calling thread alone: the others have the next frame to take, and
+/// the window would wait for them.
 pub fn enlarge(frame: &Frame, (width, height): (u32, u32), out: &mut [u32]) {
     let shot = &frame.taken.shot;
     let bitmap = &frame.bitmap;
     let (columns, rows) = (bitmap.width as usize, bitmap.height as usize);
     if (bitmap.width, bitmap.height) == (width, height) {
-        out.par_iter_mut().zip(&bitmap.pixels).for_each(|(out, [r, g, b])| {
+        for (out, [r, g, b]) in out.iter_mut().zip(&bitmap.pixels) {
             *out = u32::from(*r) << 16 | u32::from(*g) << 8 | u32::from(*b);
-        });
+        }
         return;
     }
     // Where a pixel of the window is between those of the bitmap: the first of two, and 256ths of the way.
@@ -37,7 +37,7 @@ pub fn enlarge(frame: &Frame, (width, height): (u32, u32), out: &mut [u32]) {
     let across = (width, shot.camera.width, left, columns);
     let down = (height, shot.camera.height, top, rows);
     let places: Vec<_> = (0..width as usize).map(|x| between(x, across)).collect();
-    out.par_chunks_mut(width as usize).enumerate().for_each(|(y, out)| {
+    for (y, out) in out.chunks_mut(width as usize).enumerate() {
         let (row, fy) = between(y, down);
         let line = |row: usize| {
             let row = row.min(rows - 1) * columns;
@@ -54,7 +54,7 @@ pub fn enlarge(frame: &Frame, (width, height): (u32, u32), out: &mut [u32]) {
             };
             *pixel = channel(0) << 16 | channel(1) << 8 | channel(2);
         }
-    });
+    }
 }
 
 /// Writes lines of text into the top left corner, on a darkened ground, larger on screens with small

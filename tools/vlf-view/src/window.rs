@@ -8,6 +8,7 @@ use crate::source::Feed;
 use crate::state::{Walkthrough, Wish};
 use crate::worker::Worker;
 use arboard::Clipboard;
+use rayon::ThreadPoolBuilder;
 use softbuffer::{Context, SoftBufferError, Surface};
 use std::io::Write;
 use std::num::NonZeroU32;
@@ -254,7 +255,7 @@ impl App {
         self.show.state.say(format!("{place}: {camera}"));
     }
 
-    /// Writes the picture as fine as it gets, on a thread of its own: the walk goes on.
+    /// Writes the picture as fine as it gets, on threads of its own: the walk goes on.
     fn screenshot(&mut self) {
         let state = &mut self.show.state;
         let Some(shown) = state.shown().cloned() else { return };
@@ -268,9 +269,17 @@ impl App {
         thread::spawn(move || {
             let frame = match whole {
                 true => Some(shown),
-                false => paint(&source, &job, &AtomicBool::new(false)),
+                // Among the walk's own threads its frames would wait until this one is done.
+                false => ThreadPoolBuilder::new()
+                    .num_threads(rayon::current_num_threads().div_ceil(2))
+                    .build()
+                    .ok()
+                    .and_then(|own| own.install(|| paint(&source, &job, &AtomicBool::new(false)))),
             };
-            let Some(frame) = frame else { return };
+            let Some(frame) = frame else {
+                _ = proxy.send_event(Told::Say("no picture: there are no threads for it".into()));
+                return;
+            };
             let said = match shots::save(&folder, &stem, &frame) {
                 Ok(path) => format!("saved {} and .exr", path.display()),
                 Err(e) => format!("not saved: {e}"),

@@ -39,3 +39,39 @@ impl Worker {
         self.stop.store(true, Ordering::Relaxed);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pace::Pass;
+    use crate::paint::{Look, Method, Shot};
+    use crate::testing::{opening, pack};
+    use std::time::{Duration, Instant};
+    use vlf::Camera;
+    use vlf::look::tone::Curve;
+
+    #[test]
+    fn a_picture_that_is_overtaken_ends_soon_and_the_next_begins() {
+        let (_folder, pack) = pack();
+        let source = Arc::new(opening(&pack).open().unwrap());
+        let job = |width, samples| {
+            let camera = Camera { width, height: width, ..source.start };
+            let pass = Pass { coarse: 1, samples };
+            let look = Look { exposure: Some(0.0), curve: Curve::Plain };
+            Job::Take(Shot { camera, pass, method: Method::Trace }, look)
+        };
+        let (done, dones) = channel();
+        let worker = Worker::new(move |_, frame| done.send(frame.is_some()).unwrap());
+        // Minutes of work.
+        assert!(worker.begin(source.clone(), job(4000, 16)));
+        thread::sleep(Duration::from_millis(100));
+        assert!(dones.try_recv().is_err());
+        let asked = Instant::now();
+        worker.overtake();
+        assert_eq!(dones.recv(), Ok(false));
+        // A row on each thread; it is seconds because machines are busy.
+        assert!(asked.elapsed() < Duration::from_secs(60));
+        assert!(worker.begin(source.clone(), job(8, 1)));
+        assert_eq!(dones.recv(), Ok(true));
+    }
+}
