@@ -49,7 +49,7 @@ pub fn open(
         Method::Trace => method::Method::Trace,
     };
     let painter = Box::new(move |camera: &Camera| {
-        let options = (method, Options { samples: 1 });
+        let options = (method, Options { samples: 1, ..Options::default() });
         take(&field, &visible, camera, options, &|_| ()).unwrap_or_else(|error| {
             // A damaged map: the walk goes on, and whoever started it is told.
             eprintln!("vlf-view: {error}");
