@@ -6,6 +6,7 @@ use crate::field::FieldError;
 use crate::format::{Fault, FormatError};
 use crate::look::image::ImageError;
 use crate::look::lightfield::LookError;
+use crate::look::path::PathError;
 use crate::pack::PackError;
 use crate::scene::SceneError;
 use crate::scene::camera::CameraError;
@@ -92,6 +93,9 @@ fn one(e: &(dyn Error + 'static)) -> Option<u8> {
     if let Some(e) = e.downcast_ref::<CameraError>() {
         return Some(camera(e));
     }
+    if let Some(e) = e.downcast_ref::<PathError>() {
+        return Some(path(e));
+    }
     if let Some(e) = e.downcast_ref::<ImageError>() {
         return Some(match e {
             ImageError::Damaged { .. } => CORRUPT,
@@ -110,6 +114,16 @@ fn camera(e: &CameraError) -> u8 {
         CameraError::Json(_) => CORRUPT,
         CameraError::File { source, .. } => camera(source),
         _ => IO,
+    }
+}
+
+fn path(e: &PathError) -> u8 {
+    match e {
+        PathError::Read { .. } => IO,
+        PathError::Json(_) => CORRUPT,
+        PathError::View { source, .. } => camera(source),
+        PathError::File { source, .. } => path(source),
+        _ => USAGE,
     }
 }
 

@@ -28,7 +28,7 @@ const BOX_WIDENING: f32 = 2e-6;
 const HEAD_START: f32 = 2.5e-4;
 
 /// Surfaces that a ray meets within this length of each other lie at one place for it.
-const COINCIDENT: f64 = 1e-6;
+pub const COINCIDENT: f64 = 1e-6;
 
 /// An eye nearer to a surface than this, in the fitted scene's units, lies on it.
 pub const TOUCHING: f32 = 1e-5;
@@ -47,13 +47,17 @@ pub struct Hit {
 }
 
 /// A triangle of a surface, ready to be met.
+/// A triangle.
 #[derive(Clone, Copy, Debug)]
-struct Facet {
-    corner: Vec3,
-    edges: [Vec3; 2],
-    surface: u32,
+pub struct Facet {
+    /// Its first corner.
+    pub corner: Vec3,
+    /// From there to the others.
+    pub edges: [Vec3; 2],
+    /// The surface it belongs to.
+    pub surface: u32,
     /// [`WIDENING`] in barycentric coordinates.
-    slack: f32,
+    pub slack: f32,
 }
 
 /// The scene's triangles with their hierarchy.
@@ -142,28 +146,50 @@ impl Visible {
             }
             (best + reach + COINCIDENT) as f32 + HEAD_START
         });
-        (surface != u32::MAX).then(|| {
-            let plane = self.planes[surface as usize];
-            let p = o + d * best;
-            let point = p - plane.normal * (plane.normal.dot(p) - plane.offset);
-            Hit {
-                surface: SurfaceId(surface),
-                point: point.as_vec3(),
-                distance: best as f32,
-                side: Side::facing(-plane.normal.dot(d) as f32),
-            }
-        })
+        (surface != u32::MAX).then(|| self.hit(surface, o, d, best))
+    }
+
+    /// A hit on a surface at a distance along a ray.
+    fn hit(&self, surface: u32, o: DVec3, d: DVec3, distance: f64) -> Hit {
+        let plane = self.planes[surface as usize];
+        let p = o + d * distance;
+        let point = p - plane.normal * (plane.normal.dot(p) - plane.offset);
+        Hit {
+            surface: SurfaceId(surface),
+            point: point.as_vec3(),
+            distance: distance as f32,
+            side: Side::facing(-plane.normal.dot(d) as f32),
+        }
+    }
+
+    /// The hit of a ray that is known to meet a surface first.
+    pub fn hit_on(&self, surface: u32, origin: Vec3, dir: Vec3) -> Hit {
+        let (o, d) = (origin.as_dvec3(), dir.as_dvec3());
+        let (normal, offset) = self.touching_plane(surface);
+        self.hit(surface, o, d, (offset - normal.dot(o)) / normal.dot(d))
+    }
+
+    /// The scene's triangles.
+    pub fn facets(&self) -> &[Facet] {
+        &self.facets
+    }
+
+    /// The plane in which a surface lies with those that it touches: unit normal and distance from the
+    /// origin along it.
+    pub fn touching_plane(&self, surface: u32) -> (DVec3, f64) {
+        let plane = self.contacts.plane_of(SurfaceId(surface)).index();
+        (self.planes[plane].normal, self.planes[plane].offset)
     }
 
     /// Distance at which a ray meets a facet, or infinity, and how far beyond it along the ray surfaces
     /// may lie that touch it. Where surfaces touch, it is the distance of the plane they share.
     fn distance(&self, facet: &Facet, o: DVec3, d: DVec3) -> (f64, f64) {
         let t = facet.meet(o, d);
-        let plane = self.contacts.plane_of(SurfaceId(facet.surface)).index();
-        let Plane { normal, offset } = self.planes[plane];
+        let (normal, offset) = self.touching_plane(facet.surface);
         let cosine = normal.dot(d);
         let slack = f64::from(CONTACT) / cosine.abs();
-        if plane == facet.surface as usize || !t.is_finite() {
+        let touches = self.contacts.plane_of(SurfaceId(facet.surface)).0 != facet.surface;
+        if !touches || !t.is_finite() {
             return (t, slack);
         }
         ((offset - normal.dot(o)) / cosine, slack)
@@ -171,7 +197,7 @@ impl Visible {
 
     /// Which of two surfaces at one place a ray sees, as the bake has it: of those in one plane the one
     /// whose place is before the other's, of those that meet in an edge one that shows its front.
-    fn is_before(&self, surface: u32, other: u32, d: DVec3) -> bool {
+    pub fn is_before(&self, surface: u32, other: u32, d: DVec3) -> bool {
         if other == u32::MAX {
             return true;
         }

@@ -54,6 +54,11 @@ impl Homes {
         Homes(homes)
     }
 
+    /// Bytes of memory that they take.
+    pub fn bytes(&self) -> u64 {
+        self.0.len() as u64
+    }
+
     /// The texel to which a point in `texel` belongs.
     pub fn of(&self, scene: &Scene, texels: &Texels, texel: u32, point: Vec3) -> u32 {
         let surface = texels.surface_of[texel as usize] as usize;

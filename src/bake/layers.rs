@@ -141,6 +141,14 @@ impl Outlines {
         out
     }
 
+    /// Bytes of memory that they take.
+    pub fn bytes(&self) -> u64 {
+        let lists = size_of_val(self.surfaces.as_slice())
+            + size_of_val(self.polygons.as_slice())
+            + size_of_val(self.vertices.as_slice());
+        lists as u64 + self.homes.bytes() + self.contacts.bytes()
+    }
+
     fn of(&self, plane: &Plane) -> &[Outline] {
         &self.polygons[plane.polygons.0 as usize..plane.polygons.1 as usize]
     }

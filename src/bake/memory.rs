@@ -12,7 +12,7 @@ use super::step::{Scratch, Shared};
 use super::transfer::clip::Clip;
 use crate::field::writer::{WAITING, WRITERS};
 use crate::format::limits::WORST;
-use crate::format::manifest::Transfer;
+use crate::format::manifest::{Parameters, Transfer};
 use crate::ids::DirectionId;
 use crate::psf::Psf;
 use crate::scene::Scene;
@@ -20,8 +20,18 @@ use crate::scene::Scene;
 /// Bytes beyond the grant that a process of this program takes.
 pub const CONSTANT: u64 = 48 << 20;
 
-/// Bytes for each corner of a polygon of the hierarchy that paths are followed through.
-const A_CORNER: u64 = 256;
+/// Bytes for each corner of a polygon in the hierarchies that paths are followed through. Measured.
+const A_CORNER: u64 = 512;
+
+/// Bytes of a surface of the scene with its polygons.
+const A_SURFACE: u64 = 400;
+
+/// Bytes for each texture value that the allocator keeps of maps let go, to hand them out again: the GNU C
+/// library keeps about as much as the largest block so far, up to [`MOST_KEPT`]. Measured.
+const KEPT: u64 = 20;
+
+/// The most that it keeps.
+const MOST_KEPT: u64 = 64 << 20;
 
 /// Bytes in which disks give room.
 const A_BLOCK: u64 = 4096;
@@ -140,10 +150,25 @@ fn corners(scene: &Scene) -> u64 {
     polygons.map(|p| p.vertices.len() as u64).sum()
 }
 
-/// Bytes for each texture value while light is propagated: what is shot, every worker's sums of both
-/// halves, and when a cycle ends the total and next maps of all lines and of half of them, and areas.
-pub fn texture_bytes(threads: u64) -> u64 {
-    32 + 2 * 32 * threads + 4 * 12 + 8
+/// Bytes of all texture values while light is propagated: what is shot, every worker's sums of both halves,
+/// and when a cycle or a round of it ends the total and next maps of all lines and of half of them, and two
+/// areas. A cycle that has ended holds the sums of one worker and nothing that is shot.
+pub fn texture_bytes(values: u64, threads: u64, parameters: &Parameters) -> u64 {
+    let (shot, sums, maps) = (32, 2 * 32, 4 * 12 + 2 * 8);
+    let rounds = if parameters.target_error > 0.0 { maps } else { 0 };
+    let each = (shot + sums * threads + rounds).max(sums + maps);
+    values * each + (KEPT * values).min(MOST_KEPT)
+}
+
+/// Bytes of what lasts as long as the bake: texels' surfaces, cuts and areas, which values are sealed,
+/// outlines, the scene, and the hierarchies of paths through it, of all surfaces and of few.
+pub fn lasting_bytes(shared: &Shared) -> u64 {
+    let values = 2 * shared.texels.len() as u64;
+    let scene = A_SURFACE * shared.scene.surfaces.len() as u64;
+    let follows = shared.has_mirrors() && !shared.parameters.totals_from_store();
+    let hierarchies = if follows { A_CORNER * corners(shared.scene) } else { 0 };
+    let areas = 4 * values / 2;
+    shared.texels.bytes() + areas + values / 8 + shared.outlines.bytes() + scene + hierarchies
 }
 
 /// Bytes that a bake needs.
@@ -166,10 +191,7 @@ impl Need {
         let values = 2 * shared.texels.len() as u64;
         let cells = u64::from(shared.parameters.resolution).pow(2);
         let surfaces = shared.scene.surfaces.len() as u64;
-        // Texels' surfaces and areas, and which values are sealed; surfaces and their outlines.
-        let follows = shared.has_mirrors() && !shared.parameters.totals_from_store();
-        let hierarchy = if follows { A_CORNER * corners(shared.scene) } else { 0 };
-        let scene = values / 2 * 8 + values / 8 + 1024 * surfaces + hierarchy;
+        let lasting = lasting_bytes(shared);
         let mirrors = values / 2 - u64::from(shared.texels.diffuse);
         let layers = 4 * cells + 12 * extent.fragments + 256 * surfaces;
         let stores = shared.stores_mirrors();
@@ -181,11 +203,11 @@ impl Need {
         let scratch =
             layers + clip + 6 * extent.mirror_map + extent.excerpts + mirrors * Scratch::A_MIRROR;
         let waiting = (WAITING + WRITERS) as u64;
-        let propagating = scene
-            + values * texture_bytes(threads)
+        let propagating = lasting
+            + texture_bytes(values, threads, shared.parameters)
             + threads * scratch
             + waiting * 2 * extent.mirror_map;
-        let totals = scene
+        let totals = lasting
             + values * 12
             + threads * (layers + 3 * extent.total_map)
             + waiting * extent.total_map;

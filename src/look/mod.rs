@@ -22,4 +22,6 @@ pub mod tone;
 
 pub mod compare;
 
+pub mod path;
+
 pub mod render;

@@ -3,7 +3,7 @@
 
 use super::disk::Files;
 use super::sample::Sample;
-use crate::bake::memory::texture_bytes;
+use crate::bake::memory::{lasting_bytes, texture_bytes};
 use crate::bake::step::{Scratch, Shared};
 use crate::ids::DirectionId;
 use crate::psf::Psf;
@@ -37,10 +37,7 @@ pub fn peak(shared: &Shared, sample: &Sample, threads: u64, pages: u64) -> u64 {
     let surfaces = &shared.scene.surfaces;
     let corners: u64 =
         surfaces.iter().flat_map(|s| &s.polygons).map(|p| p.vertices.len() as u64).sum();
-    // Corners stand in the scene, in its outlines, and projected with each thread.
-    let scene = 250 * surfaces.len() as u64 + 24 * corners;
-    // Texels' surfaces and areas, and sealed values.
-    let lasting = EMPTY + scene + 8 * texels + values / 8 + 40 * shared.directions.len() as u64;
+    let lasting = EMPTY + lasting_bytes(shared) + 40 * shared.directions.len() as u64;
     let layers = 4 * cells
         + 8 * sample.most.fragments
         + SPAN * spans(shared)
@@ -55,8 +52,10 @@ pub fn peak(shared: &Shared, sample: &Sample, threads: u64, pages: u64) -> u64 {
     let scratch = layers + 2 * (unshot + arrived) + mirrors * Scratch::A_MIRROR;
     let (excerpts, kept) =
         if shared.stores_mirrors() { (sample.most.excerpts, KEPT) } else { (0, 0) };
-    let propagating =
-        values * texture_bytes(threads) + threads * (scratch + excerpts) + pages + kept;
+    let propagating = texture_bytes(values, threads, shared.parameters)
+        + threads * (scratch + excerpts)
+        + pages
+        + kept;
     let totals = 12 * values + threads * (layers + 2 * sample.largest);
     lasting + reach.max(propagating).max(totals)
 }

@@ -149,11 +149,11 @@ pub struct View {
     /// The eye, in the fitted scene's units; it may be outside the ball.
     pub origin: Vec3,
     /// Towards the top left corner of the picture.
-    corner: DVec3,
+    pub corner: DVec3,
     /// One pixel to the right.
-    across: DVec3,
+    pub across: DVec3,
     /// One pixel down.
-    down: DVec3,
+    pub down: DVec3,
 }
 
 impl View {

@@ -41,6 +41,12 @@ impl Contacts {
         Contacts { planes: planes(scene, &order), ranks, solid: solid(scene) }
     }
 
+    /// Bytes of memory that they take.
+    pub fn bytes(&self) -> u64 {
+        let Contacts { planes, ranks, solid } = self;
+        (size_of_val(planes.as_slice()) + size_of_val(ranks.as_slice()) + solid.len()) as u64
+    }
+
     /// The surface in whose plane another lies: itself, if no larger one touches it.
     pub fn plane_of(&self, surface: SurfaceId) -> SurfaceId {
         SurfaceId(self.planes[surface.index()])

@@ -107,6 +107,17 @@ impl Cuts {
         cuts
     }
 
+    /// Bytes of memory that they take.
+    pub fn bytes(&self) -> u64 {
+        let bits = [&self.met, &self.cut, &self.near].map(|bits| size_of_val(bits.0.as_slice()));
+        let lists = size_of_val(self.before.as_slice())
+            + size_of_val(self.starts.as_slice())
+            + size_of_val(self.segments.as_slice())
+            + size_of_val(self.sites.as_slice())
+            + size_of_val(self.covered.as_slice());
+        (bits.iter().sum::<usize>() + lists) as u64
+    }
+
     /// Puts segments down by texel. `pairs` is in the texels' order.
     fn index(&mut self, pairs: &[(u32, Segment)]) {
         for of_texel in pairs.chunk_by(|a, b| a.0 == b.0) {

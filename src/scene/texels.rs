@@ -40,6 +40,12 @@ pub struct Texels {
 }
 
 impl Texels {
+    /// Bytes of memory that they take.
+    pub fn bytes(&self) -> u64 {
+        let lists = size_of_val(self.lattices.as_slice()) + size_of_val(self.surface_of.as_slice());
+        lists as u64 + self.cuts.bytes()
+    }
+
     /// Lays texels of about `edge` (in the fitted scene's units) over every diffuse surface. A
     /// lattice divides its surface's bounding rectangle evenly, so that it ends where the surface ends.
     pub fn new(scene: &Scene, edge: f32) -> Texels {

@@ -9,8 +9,11 @@ use crate::radiance::Rgb;
 use crate::scene::{Scene, camera::Camera};
 use crate::visible::{Hit, Visible};
 use glam::Vec3;
+use primary::{BAND, Band, Primary};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
+
+pub mod primary;
 
 pub mod raytrace;
 
@@ -122,13 +125,30 @@ pub fn render_with<'a>(
     };
     let mut picture = Picture::black(camera.width, camera.height);
     let rows_done = AtomicUsize::new(0);
+    let tell = |rows: usize| {
+        let done = rows_done.fetch_add(rows, Ordering::Relaxed) + rows;
+        progress(done as f32 / height as f32);
+    };
+    if samples == 1 {
+        let primary = Primary::new(visible, &view, (camera.width, camera.height));
+        let bands = picture.pixels.par_chunks_mut((width * BAND).max(1)).enumerate();
+        bands.for_each_init(
+            || (looker(), Band::default()),
+            |(look, into), (band, out)| {
+                primary.draw(band, into, |place, dir, hit| {
+                    out[place] = hit.map_or(Rgb::BLACK, |hit| look(dir, &hit));
+                });
+                tell(out.len() / width);
+            },
+        );
+        return picture;
+    }
     let rows = picture.pixels.par_chunks_mut(width.max(1)).enumerate();
     rows.for_each_init(looker, |look, (y, row)| {
         for (x, out) in row.iter_mut().enumerate() {
             *out = pixel(look, x, y);
         }
-        let done = rows_done.fetch_add(1, Ordering::Relaxed) + 1;
-        progress(done as f32 / height as f32);
+        tell(1);
     });
     picture
 }
