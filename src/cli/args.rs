@@ -155,7 +155,8 @@ pub struct Baking {
     /// `--specular maps`, leaves them as they were propagated
     #[arg(long, value_enum, default_value = "on")]
     pub resample: Switch,
-    /// Edge of a texel of the diffuse texture maps, in cells [default: 1 with `--quality draft`, else 0.5]
+    /// Edge of a texel of the diffuse texture maps, in cells [default: 1 with `--quality draft`, 0.35
+    /// with `final`, else 0.5]
     #[arg(long)]
     pub texel: Option<f64>,
     /// Passes of a 3 x 3 texel filter over each cycle's texture maps; 0 for none [default: 0 with
