@@ -299,7 +299,7 @@ impl Walkthrough {
     }
 
     fn record(&mut self, seconds: f64) {
-        self.seconds += seconds.max(0.0).min(LONGEST_STEP);
+        self.seconds += seconds.clamp(0.0, LONGEST_STEP);
         let due = self.recorded.last().is_none_or(|last| self.seconds >= last.time + RECORDED);
         if due {
             let Camera { eye, target, up, vfov_deg, .. } = self.camera();

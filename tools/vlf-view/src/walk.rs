@@ -108,7 +108,7 @@ impl Walk {
             + self.up * axis(pressed.up, pressed.down);
         let Some(way) = way.try_normalize() else { return false };
         let speed = if pressed.hurry { self.speed * HURRY } else { self.speed };
-        let way = allowed(self.eye, way * (speed * seconds.max(0.0).min(LONGEST_STEP)));
+        let way = allowed(self.eye, way * (speed * seconds.clamp(0.0, LONGEST_STEP)));
         self.eye += way;
         way != DVec3::ZERO
     }
