@@ -127,7 +127,7 @@ pub fn paint(source: &Source, job: &Job, stop: &AtomicBool) -> Option<Frame> {
 fn take(source: &Source, shot: &Shot, look: &Look, stop: &AtomicBool) -> Option<Taken> {
     let camera = shot.taken_by();
     let by = |method| {
-        let how = (method, Options { samples: shot.pass.samples });
+        let how = (method, Options { samples: shot.pass.samples, ..Options::default() });
         // Whoever waits for the next picture does not wait for the rest of this one. Unwinding is how a
         // renderer that reports its progress is left in the middle; nothing is half done by then.
         let go_on = |_| {
