@@ -55,6 +55,9 @@ pub type Radiance<'a> = dyn Fn(Vec3, &Hit) -> Rgb + Sync + 'a;
 /// The same for one thread, which may remember what it has seen.
 pub type Looker<'a> = Box<dyn FnMut(Vec3, &Hit) -> Rgb + 'a>;
 
+/// Pixels after which `progress` is told within a row: rows of many samples take long.
+const TOLD_EVERY: usize = 32;
+
 /// A pixel whose samples disagree, as where a lamp's edge runs through it, takes up to this many times
 /// as many.
 const REFINED: u32 = 16;
@@ -86,7 +89,7 @@ impl Moments {
 }
 
 /// Takes a picture, on all threads of the rayon pool it is called in. Pixels that look past the scene
-/// are black. `progress` is told the finished part, in (0, 1], row by row and from any thread.
+/// are black. `progress` is told the finished part, up to 1, again and again and from any thread.
 pub fn render(
     scene: &Scene,
     visible: &Visible,
@@ -164,6 +167,9 @@ pub fn render_with<'a>(
     rows.for_each_init(looker, |look, (y, row)| {
         for (x, out) in row.iter_mut().enumerate() {
             *out = pixel(look, x, y);
+            if x % TOLD_EVERY == TOLD_EVERY - 1 {
+                tell(0);
+            }
         }
         tell(1);
     });

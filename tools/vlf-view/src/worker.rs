@@ -64,13 +64,14 @@ mod tests {
         let worker = Worker::new(move |_, frame| done.send(frame.is_some()).unwrap());
         // Minutes of work.
         assert!(worker.begin(source.clone(), job(4000, 16)));
-        thread::sleep(Duration::from_millis(100));
+        thread::sleep(Duration::from_millis(500));
         assert!(dones.try_recv().is_err());
         let asked = Instant::now();
         worker.overtake();
         assert_eq!(dones.recv(), Ok(false));
-        // A row on each thread; it is seconds because machines are busy.
-        assert!(asked.elapsed() < Duration::from_secs(60));
+        // A few pixels on each thread; it is seconds because machines are busy.
+        let waited = asked.elapsed();
+        assert!(waited < Duration::from_secs(10), "{waited:?}");
         assert!(worker.begin(source.clone(), job(8, 1)));
         assert_eq!(dones.recv(), Ok(true));
     }
