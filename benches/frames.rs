@@ -19,6 +19,9 @@ const VIEWS: u32 = 24;
 /// Length of a step, in radii of the scene.
 const STEP: f64 = 0.01;
 
+/// A name, and what is done for a view.
+type Work<'a> = (&'a str, &'a dyn Fn(&Camera));
+
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     let [pack, camera] = words.as_slice() else {
@@ -38,11 +41,11 @@ fn main() {
     let frame = |method| {
         let (field, visible) = (&field, &visible);
         move |camera: &Camera| {
-            let options = (method, Options { samples: 1 });
+            let options = (method, Options { samples: 1, ..Options::default() });
             _ = take(field, visible, camera, options, &|_| ()).expect("a sound pack");
         }
     };
-    let all: [(&str, &dyn Fn(&Camera)); 4] = [
+    let all: [Work; 4] = [
         ("primary rays, one by one", &one_by_one),
         ("primary, rasterised", &rasterised),
         ("trace", &frame(Method::Trace)),

@@ -46,7 +46,7 @@
 //! let visible = Visible::new(&light.scene);
 //! let mut camera = bundled::cameras("cornell")?.remove(0);
 //! (camera.width, camera.height) = (24, 24);
-//! let how = (Method::Field, vlf::look::render::Options { samples: 1 });
+//! let how = (Method::Field, vlf::look::render::Options { samples: 1, ..Default::default() });
 //! let picture = vlf::take(&light, &visible, &camera, how, &|_| ())?;
 //! assert!(picture.pixels[12 * 24 + 12].mean() > 0.0);
 //! # Ok(())

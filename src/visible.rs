@@ -56,7 +56,7 @@ pub struct Facet {
     pub edges: [Vec3; 2],
     /// The surface it belongs to.
     pub surface: u32,
-    /// [`WIDENING`] in barycentric coordinates.
+    /// How far it is widened, in barycentric coordinates.
     pub slack: f32,
 }
 

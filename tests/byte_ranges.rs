@@ -104,7 +104,7 @@ fn first_picture(remote: &Remote, camera: &Camera) -> Picture {
         });
         around.radiance(&near, hit.surface, hit.point).unwrap_or_default() * factor
     };
-    let options = Options { samples: 1 };
+    let options = Options { samples: 1, ..Options::default() };
     render(&scene, &Visible::new(&scene), camera, options, &radiance, &|_| {})
 }
 
@@ -114,7 +114,7 @@ fn mirrors(scene: &Scene, camera: &Camera) -> Vec<bool> {
         let is_mirror = scene.material_of(hit.surface).reflectance.is_mirror();
         Rgb::splat(f32::from(u8::from(is_mirror)))
     };
-    let options = Options { samples: 1 };
+    let options = Options { samples: 1, ..Options::default() };
     let picture = render(scene, &Visible::new(scene), camera, options, &shown, &|_| {});
     picture.pixels.iter().map(|p| p.max() > 0.5).collect()
 }

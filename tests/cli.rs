@@ -243,6 +243,69 @@ fn pictures_replace_pictures_of_their_kind_only() {
 }
 
 #[test]
+fn a_path_is_a_film_or_numbered_pictures_and_all_around_is_one_or_six() {
+    let (_baked, folder) = baked();
+    let view = |time: f64, x: f64| {
+        format!(
+            r#"{{"time":{time},"eye":[{x},1,0.5],"target":[0,1,-1],"up":[0,1,0],"vfov_deg":70}}"#
+        )
+    };
+    write(&folder, "walk.json", &format!(r#"{{"views":[{},{}]}}"#, view(2.0, 0.0), view(3.0, 0.2)));
+    let render = |more: &[&str]| {
+        let few = ["render", "room.vlf", "--samples", "1", "--size", "16x8"];
+        vlf(&folder).args(few).args(more).output().unwrap()
+    };
+    let walk = |more: &[&str]| render(&[&["--path", "walk.json", "--fps", "4"], more].concat());
+    let names = |begin: &str| -> usize {
+        let all = fs::read_dir(folder.path()).unwrap().flatten();
+        all.filter(|e| e.file_name().to_string_lossy().starts_with(begin)).count()
+    };
+    // Both ends of the second have a frame.
+    let a = walk(&["-o", "a.png"]);
+    assert!(a.status.success(), "{}", String::from_utf8_lossy(&a.stderr));
+    assert_eq!(names("a-000"), 5);
+    assert!(folder.path().join("a-0004.png").exists());
+    let film = walk(&["-o", "-"]);
+    assert!(film.status.success());
+    assert!(film.stdout.starts_with(b"YUV4MPEG2 W16 H8 F4000:1000"));
+    let (header, frame) =
+        (film.stdout.iter().position(|b| *b == b'\n').unwrap() + 1, 6 + 3 * 16 * 8);
+    assert_eq!(film.stdout.len(), header + 5 * frame);
+    assert!(walk(&["-o", "a.y4m"]).status.success());
+    assert_eq!(fs::read(folder.path().join("a.y4m")).unwrap(), film.stdout);
+    // A walk's first frame is the picture from there.
+    let still =
+        [&["-o", "still.exr", "--eye", "0,1,0.5", "--target", "0,1,-1", "--vfov", "70"][..]];
+    assert!(render(&still.concat()).status.success());
+    assert!(walk(&["-o", "b.exr"]).status.success());
+    let picture = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    assert!(picture("still.exr") == picture("b-0000.exr"));
+    assert!(picture("b-0004.exr") != picture("b-0000.exr"));
+
+    let look = &LOOK[..];
+    assert!(render(&[look, &["-o", "c.png", "--projection", "cube"]].concat()).status.success());
+    assert_eq!(names("c-"), 6);
+    let round = [look, &["-o", "d.png", "--projection", "equirectangular"]].concat();
+    assert!(render(&round).status.success());
+
+    let refuse = |args: &[&str], words: &[&str]| {
+        let few = ["render", "room.vlf", "--samples", "1"];
+        refused(&folder, &[&few[..], args].concat(), USAGE, words);
+    };
+    refuse(&["--path", "walk.json", "-o", "-", "--json"], &["--json"]);
+    refuse(&[look, &["-o", "e.y4m"]].concat(), &["--path"]);
+    refuse(&["--path", "walk.json", "-o", "e.y4m", "--projection", "cube"], &["six pictures"]);
+    refuse(&["--path", "walk.json", "-o", "e.png", "--fps", "0"], &["frames a second"]);
+    write(&folder, "bad.json", &format!(r#"{{"views":[{},{}]}}"#, view(2.0, 0.0), view(1.0, 0.2)));
+    refused(
+        &folder,
+        &["render", "room.vlf", "-o", "e.png", "--path", "bad.json"],
+        USAGE,
+        &["view 1", "time"],
+    );
+}
+
+#[test]
 fn unfinished_and_damaged_fields_are_not_shown() {
     let (baked, folder) = baked();
     let at = |name: &str| folder.path().join(name);

@@ -113,7 +113,7 @@ fn a_mirror_shows_what_the_mirrored_eye_sees_through_its_frame() {
         texels: &field.texels,
         values: &field.total,
     };
-    let options = vlf::look::render::Options { samples: 1 };
+    let options = vlf::look::render::Options { samples: 1, ..Default::default() };
     let other = vlf::look::render::render(
         &behind,
         &visible,

@@ -163,12 +163,51 @@ fn what_hangs_on_a_wall_hides_it_from_every_eye() {
     assert!(failures.is_empty(), "\n{}\n", failures.join("\n"));
 }
 
+/// A floor, a lamp above it, and a plate a fifth of a cell above the floor, below which it is dark.
+#[test]
+fn light_fields_are_not_darkened_beside_what_hides_dark_places() {
+    let square = |half: f64, z: f64, name: &str| {
+        let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        let corners: String =
+            corners.iter().map(|(x, y)| format!("v {} {} {z}\n", x * half, y * half)).collect();
+        let up = if name == "lamp" { "f -1 -2 -3 -4" } else { "f -4 -3 -2 -1" };
+        format!("{corners}usemtl {name}\n{up}\n")
+    };
+    let obj = [square(2.0, 0.0, "grey"), square(0.7, 0.02, "grey"), square(2.0, 2.0, "lamp")];
+    let mtl = "newmtl grey\nKd 0.5 0.5 0.5\nnewmtl lamp\nKe 1 1 1\n";
+    let scene = scene_of(&obj.concat(), mtl);
+    let field =
+        Baked::new(&scene, &Parameters { perturbations: vec![4], ..parameters(513, 64, 1) });
+    let field = field.open();
+    let floor = SurfaceId(0);
+    let surface = field.scene.surface(floor);
+    let cell = 2.0 / 64.0;
+    let mut dice = common::Dice(3);
+    let (mut shown, mut known) = (0.0, 0.0);
+    for _ in 0..2000 {
+        let mut roll = |low: f64, high: f64| (low + (high - low) * dice.unit()) as f32;
+        let off = (0.7 / field.scene.fit.radius) as f32 + cell * roll(0.05, 0.5);
+        let along = roll(-0.5, 0.5) * off;
+        let middle =
+            surface.origin + 0.5 * (surface.u * surface.extent.x + surface.v * surface.extent.y);
+        let point = middle + surface.u * off + surface.v * along;
+        let farther = point + surface.u * (3.0 * cell);
+        let away = Vec3::new(roll(-1.0, 1.0), roll(-1.0, 1.0), roll(0.3, 1.0)).normalize();
+        shown += field.radiance(floor, point, away).unwrap().mean();
+        known += field.radiance(floor, farther, away).unwrap().mean();
+    }
+    let part = shown / known;
+    assert!((0.9..1.1).contains(&part), "{part} of the light that is farther from it");
+}
+
 /// The fit is of the bounding box, which turns with the scene only roughly: a bound on noise, not on rounding.
 #[test]
 fn turning_the_room_keeps_its_light() {
     let materials = ["wall", "floor_a", "floor_b", "solid", "solid_b", "table", "blade"];
+    // The floor's squares are a few cells: with four grids their light scatters by 2 %.
+    let parameters = Parameters { perturbations: vec![32, 4], ..small() };
     let means = |scene: &Scene| {
-        let field = Baked::new(scene, &small()).open();
+        let field = Baked::new(scene, &parameters).open();
         materials.map(|m| common::mean_radiance(&field, m))
     };
     let straight = means(&scene("torture"));

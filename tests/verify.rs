@@ -833,7 +833,7 @@ fn a_field_is_checked_while_it_is_baked() {
 fn pixels_that_need_a_damaged_map_are_marked_if_asked_for() {
     let baked = Baked::new(&scene("cornell_mirror"), &parameters(129, 32, 2));
     let camera = camera("cornell_mirror", 40, 30);
-    let how = (Method::Field, vlf::look::render::Options { samples: 4 });
+    let how = (Method::Field, vlf::look::render::Options { samples: 4, ..Default::default() });
     let whole = |field: &LightField| {
         take_tolerant(field, &Visible::new(&field.scene), &camera, how, &|_| ())
     };

@@ -78,9 +78,12 @@ pub fn total_map(
                 let surface = shared.scene.surface(at.surface);
                 texels::sample(shared.texels, total, at.surface, surface, at.side, at.point)
             };
-            for fragment in fragments.iter() {
+            for (k, fragment) in fragments.iter().enumerate() {
                 let id = SurfaceId(shared.texels.surface_of[fragment.texel() as usize]);
                 let is_mirror = fragment.texel() >= shared.texels.diffuse;
+                if !is_mirror && is_hidden(fragments, k, psf.cell_edge(), lit[id.index()]) {
+                    continue;
+                }
                 let radiance = [Sense::Along, Sense::Against].map(|sense| match mirrors {
                     _ if !is_mirror => diffuse(&hit(*fragment, sense)),
                     Mirrors::None => Rgb::BLACK,
@@ -104,6 +107,21 @@ pub fn total_map(
     }
     scratch.entries += writer.entry_count() as u64;
     writer.finish()
+}
+
+/// Whether another surface is nearer than `edge` to the k-th on a ray, before each `lit` side of it. No
+/// eye is between them, and what is dark there, the wall behind a picture's frame, would darken lookups
+/// beside it. Whose eye is there all the same finds the texture map's value.
+fn is_hidden(fragments: &[Fragment], k: usize, edge: f32, lit: [bool; 2]) -> bool {
+    let own = fragments[k];
+    let is_near = |other: Option<&Fragment>| {
+        other.is_some_and(|other| (other.depth() - own.depth()).abs() < edge)
+    };
+    let before = [Sense::Along, Sense::Against].map(|sense| match sense {
+        Sense::Along => (own.value_along() % 2, is_near(fragments.get(k + 1))),
+        Sense::Against => (own.value_against() % 2, is_near(fragments[..k].last())),
+    });
+    lit.contains(&true) && before.into_iter().all(|(side, is_near)| is_near || !lit[side])
 }
 
 /// For each surface and side, whether any texture value is not black.

@@ -155,7 +155,8 @@ pub struct Baking {
     /// `--specular maps`, leaves them as they were propagated
     #[arg(long, value_enum, default_value = "on")]
     pub resample: Switch,
-    /// Edge of a texel of the diffuse texture maps, in cells [default: 1 with `--quality draft`, else 0.5]
+    /// Edge of a texel of the diffuse texture maps, in cells [default: 1 with `--quality draft`, 0.35
+    /// with `final`, else 0.5]
     #[arg(long)]
     pub texel: Option<f64>,
     /// Passes of a 3 x 3 texel filter over each cycle's texture maps; 0 for none [default: 0 with
@@ -201,7 +202,8 @@ pub struct Verify {
 pub struct Render {
     /// A finished field directory or a pack
     pub field: PathBuf,
-    /// The picture: .exr for linear radiance, .png for display
+    /// The picture: .exr for linear radiance, .png for display. With --path the pictures are numbered,
+    /// NAME-0000.png, or .y4m is a film, - one on standard output
     #[arg(short, long)]
     pub output: PathBuf,
     /// A camera file: {"eye":[x,y,z],"target":[x,y,z],"up":[x,y,z],"vfov_deg":d,"width":w,"height":h}
@@ -219,6 +221,16 @@ pub struct Render {
     /// Vertical field of view in degrees [default: 60]
     #[arg(long, value_name = "DEG")]
     pub vfov: Option<f64>,
+    /// Views of a walk, for a film: {"views":[{"time":s,"eye":[x,y,z],"target":[x,y,z],"up":[x,y,z],"vfov_deg":d},...]}
+    #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "eye", "target", "up", "vfov"])]
+    pub path: Option<PathBuf>,
+    /// Frames a second along the path
+    #[arg(long, default_value_t = 25.0, value_name = "N", value_parser = frame_rate)]
+    pub fps: f64,
+    /// See all around the eye: one picture (twice as wide as high shows squares square), or the six faces
+    /// of a cube, NAME-front.png and so on, as wide as the picture is high
+    #[arg(long, value_enum)]
+    pub projection: Option<ProjectionName>,
     /// Size of the picture [default: the camera file's, or 960x720]
     #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
@@ -379,6 +391,22 @@ pub enum MethodName {
     Field,
     /// Diffuse surfaces from texture maps, mirrors by rays
     Trace,
+}
+
+/// `--projection`.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ProjectionName {
+    /// Columns are angles about the vertical, rows angles from it
+    Equirectangular,
+    /// Six square pictures
+    Cube,
+}
+
+fn frame_rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(fps) if (0.001..=1000.0).contains(&fps) => Ok(fps),
+        _ => Err("expected a number of frames a second from 0.001 to 1000".into()),
+    }
 }
 
 impl From<MethodName> for Method {

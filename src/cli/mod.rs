@@ -4,6 +4,7 @@ mod args;
 mod bake;
 mod compare;
 mod demo;
+mod film;
 mod group;
 mod info;
 mod plan;

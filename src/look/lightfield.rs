@@ -1,4 +1,4 @@
-//! The reader: a finished field, packed or not, opened for looking (section 6, first method).
+//! The reader: a field, packed or not, opened for looking (section 6, first method).
 //!
 //! In: a `.vlf` file, mapped or read piece by piece, or a field directory. Out: the scene, the Total Texture Maps, and
 //! the radiance of any surface at any point in any direction. Nothing is computed, only looked up.
@@ -26,6 +26,16 @@ use std::sync::Arc;
 
 /// Bytes that decoded maps may take, unless [`LightField::with_memory`] says otherwise.
 pub const MEMORY: u64 = 1 << 30;
+
+/// How often a field is opened again when the bake has removed what was about to be read.
+const OVERTAKEN: u32 = 3;
+
+/// Which fields will do.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wanted {
+    Finished,
+    Newest,
+}
 
 /// Why a field cannot be looked at.
 #[derive(Debug, thiserror::Error)]
@@ -59,7 +69,7 @@ pub enum LookError {
     },
 }
 
-/// A finished field, opened for looking.
+/// A field, opened for looking.
 pub struct LightField {
     /// The scene.
     pub scene: Scene,
@@ -86,6 +96,23 @@ fn read(path: &Path) -> Result<Vec<u8>, LookError> {
     }
     file.read_to_end(&mut bytes).map_err(failed)?;
     Ok(bytes)
+}
+
+/// The newest sound commit record of the field in a folder: what it is and how far its bake has come. While
+/// a bake is under way it can be asked for again and again; a record takes a few kilobytes.
+///
+/// # Errors
+/// When there is none, or none is sound.
+pub fn newest_manifest(path: &Path, limits: &Limits) -> Result<(Header, Manifest), LookError> {
+    let manifest = |name: &str| match read(&path.join(name)) {
+        Ok(bytes) => Ok(Some((path.join(name).display().to_string(), bytes))),
+        Err(LookError::Io { source, .. }) if source.kind() == NotFound => Ok(None),
+        Err(e) => Err(e),
+    };
+    let [first, second] = names::MANIFESTS;
+    let files = [manifest(first)?, manifest(second)?];
+    let (header, manifest, _) = Manifest::newest(&path.display().to_string(), files, limits)?;
+    Ok((header, manifest))
 }
 
 /// A chunk of a field's file, which must be of the field, generation and direction of `place`.
@@ -127,9 +154,42 @@ impl LightField {
         limits: &Limits,
     ) -> Result<LightField, LookError> {
         match path.is_dir() {
-            true => Self::open_field(path, limits),
+            true => Self::open_field(path, limits, Wanted::Finished),
             false => Self::open_pack(path, access, limits),
         }
+    }
+
+    /// The same, but a field whose bake is under way is opened as well, at its newest whole generation:
+    /// with the light of all cycles that are committed. [`LightField::is_finished`] says which it is. Of an
+    /// unfinished field there are texture maps only, enough for
+    /// [`Method::Trace`](crate::look::render::method::Method); in the first cycle only the lamps are lit.
+    ///
+    /// # Errors
+    /// When it is missing, neither of the two, or damaged.
+    pub fn open_newest(
+        path: &Path,
+        access: Access,
+        limits: &Limits,
+    ) -> Result<LightField, LookError> {
+        if !path.is_dir() {
+            return Self::open_pack(path, access, limits);
+        }
+        // Two commits later, the bake removes what is being read here; then there is something newer.
+        let mut opened = Self::open_field(path, limits, Wanted::Newest);
+        for _ in 0..OVERTAKEN {
+            match &opened {
+                Err(LookError::Io { source, .. }) if source.kind() == NotFound => {
+                    opened = Self::open_field(path, limits, Wanted::Newest);
+                }
+                _ => break,
+            }
+        }
+        opened
+    }
+
+    /// Whether all is there: the total radiance maps, too.
+    pub fn is_finished(&self) -> bool {
+        self.manifest.phase == Phase::Finished
     }
 
     fn open_pack(path: &Path, access: Access, limits: &Limits) -> Result<LightField, LookError> {
@@ -167,16 +227,9 @@ impl LightField {
         Self::assemble(&name, (scene, texels, total), manifest, &header, source)
     }
 
-    fn open_field(path: &Path, limits: &Limits) -> Result<LightField, LookError> {
-        let manifest = |name: &str| match read(&path.join(name)) {
-            Ok(bytes) => Ok(Some((path.join(name).display().to_string(), bytes))),
-            Err(LookError::Io { source, .. }) if source.kind() == NotFound => Ok(None),
-            Err(e) => Err(e),
-        };
-        let [first, second] = names::MANIFESTS;
-        let files = [manifest(first)?, manifest(second)?];
-        let (header, manifest, _) = Manifest::newest(&path.display().to_string(), files, limits)?;
-        if manifest.phase != Phase::Finished {
+    fn open_field(path: &Path, limits: &Limits, wanted: Wanted) -> Result<LightField, LookError> {
+        let (header, manifest) = newest_manifest(path, limits)?;
+        if wanted == Wanted::Finished && manifest.phase != Phase::Finished {
             return Err(LookError::Unfinished {
                 path: path.to_owned(),
                 cycle: manifest.cycle,
@@ -190,12 +243,19 @@ impl LightField {
         let in_scene = |f: Fault| f.in_file(scene_path.display());
         let scene = stored::from_bytes(&bytes, limits).map_err(in_scene)?;
         check_scene(&scene, header.surfaces).map_err(in_scene)?;
-        let texture_path = path.join(names::textures(manifest.cycle));
-        let textures = place(FileKind::Textures, manifest.cycle);
-        let bytes = chunk_of(&texture_path, &textures, ChunkKind::TotalTexture, limits)?;
-        let raw = bytes.len() as u64;
-        let (texels, total) = textures_of(&scene, &manifest, raw, || Ok(Cow::Owned(bytes)), limits)
-            .map_err(|f| f.in_file(texture_path.display()))?;
+        let (texels, total) = match manifest.cycle {
+            0 if manifest.phase != Phase::Finished => {
+                lamps_alone(&scene, &manifest, limits).map_err(in_scene)?
+            }
+            cycle => {
+                let texture_path = path.join(names::textures(cycle));
+                let textures = place(FileKind::Textures, cycle);
+                let bytes = chunk_of(&texture_path, &textures, ChunkKind::TotalTexture, limits)?;
+                let raw = bytes.len() as u64;
+                textures_of(&scene, &manifest, raw, || Ok(Cow::Owned(bytes)), limits)
+                    .map_err(|f| f.in_file(texture_path.display()))?
+            }
+        };
         let source =
             Source::Field { path: path.to_owned(), header: header.clone(), limits: *limits };
         let parts = (scene, texels, total);
@@ -326,6 +386,20 @@ fn textures_of<'a>(
     }
     let total = texels::from_bytes(&bytes()?, 2 * count as usize)?;
     Ok((Texels::try_new(scene, manifest.parameters.texel_edge())?, total))
+}
+
+/// The texels of a scene, and the texture map of a bake that has not ended its first cycle: what is
+/// emitted and nothing else. There is no file of it.
+fn lamps_alone(
+    scene: &Scene,
+    manifest: &Manifest,
+    limits: &Limits,
+) -> Result<(Texels, Vec<Rgb>), Fault> {
+    texel_count(scene, manifest, limits)?;
+    let texels = Texels::try_new(scene, manifest.parameters.texel_edge())?;
+    let emitted = |surface: &u32| scene.material_of(SurfaceId(*surface)).emitted;
+    let total = texels.surface_of.iter().flat_map(|s| [emitted(s), Rgb::BLACK]).collect();
+    Ok((texels, total))
 }
 
 /// How many texels a scene has in a field. Counted, not laid: a file may ask for any number.

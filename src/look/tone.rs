@@ -6,6 +6,7 @@
 
 use crate::look::image::{Bitmap, Picture};
 use crate::radiance::Rgb;
+use rayon::prelude::*;
 
 /// Exposed luminance that the darker surfaces of a picture should have on the average.
 const MIDDLE: f64 = 0.26;
@@ -16,10 +17,41 @@ const KNEE: f32 = 0.6;
 /// How soon colours brighter than white are bleached.
 const BLEACHING: f32 = 0.15;
 
-/// Tone-maps a picture. `ev` is the exposure in stops: radiance times `2^ev`.
+/// How exposed radiance, of which 1 is white, becomes what is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Curve {
+    /// Straight up to a knee, then a shoulder that keeps the colours: see [`develop`].
+    #[default]
+    Shoulder,
+    /// Reinhard et al. 2002, equation 4, on the luminance: greyer, with more to see in what is bright.
+    Reinhard,
+    /// As it is; what is brighter than white is white.
+    Plain,
+}
+
+/// Luminance that [`Curve::Reinhard`] shows as white.
+const REINHARD_WHITE: f32 = 4.0;
+
+impl Curve {
+    /// What is shown of exposed radiance, 0 to 1 a channel where the screen can.
+    pub fn shown(self, exposed: Rgb) -> Rgb {
+        match self {
+            Curve::Shoulder => curve(exposed),
+            Curve::Reinhard => reinhard(exposed),
+            Curve::Plain => exposed,
+        }
+    }
+}
+
+/// Tone-maps a picture with [`Curve::Shoulder`]. `ev` is the exposure in stops: radiance times `2^ev`.
 pub fn develop(picture: &Picture, ev: f32) -> Bitmap {
+    develop_with(picture, ev, Curve::Shoulder)
+}
+
+/// The same with another curve, on all threads of the rayon pool it is called in.
+pub fn develop_with(picture: &Picture, ev: f32, curve: Curve) -> Bitmap {
     let gain = ev.exp2();
-    let pixels = picture.pixels.iter().map(|p| encode(curve(*p * gain))).collect();
+    let pixels = picture.pixels.par_iter().map(|p| encode(curve.shown(*p * gain))).collect();
     Bitmap { width: picture.width, height: picture.height, pixels }
 }
 
@@ -57,6 +89,13 @@ fn curve(exposed: Rgb) -> Rgb {
     let shown = 1.0 - room * room / (peak - KNEE + room);
     let bleach = 1.0 - 1.0 / (BLEACHING * (peak - shown) + 1.0);
     exposed * (shown / peak * (1.0 - bleach)) + Rgb::splat(shown * bleach)
+}
+
+fn reinhard(exposed: Rgb) -> Rgb {
+    let exposed = Rgb(exposed.0.map(|c| if c.is_nan() { 0.0 } else { c.clamp(0.0, 1e6) }));
+    let white = REINHARD_WHITE * REINHARD_WHITE;
+    let luminance = exposed.luminance();
+    exposed * ((1.0 + luminance / white) / (1.0 + luminance))
 }
 
 /// The sRGB transfer curve (IEC 61966-2-1), to the nearest of 256 steps.
@@ -98,6 +137,18 @@ mod tests {
             let y = curve(Rgb([odd, 0.5, 0.5]));
             assert!(y.is_physical() && y.max() <= 1.0, "{odd}: {y:?}");
         }
+    }
+
+    #[test]
+    fn every_curve_rises_and_shows_black_and_white_as_such() {
+        for curve in [Curve::Shoulder, Curve::Reinhard, Curve::Plain] {
+            let grey = |x: f32| encode(curve.shown(Rgb::splat(x)));
+            let shown: Vec<u8> = (0..1000).map(|i| grey(i as f32 * 0.01)[1]).collect();
+            assert!(shown.is_sorted() && shown[0] == 0, "{curve:?}");
+            assert!(grey(1e9)[0] == 255 && grey(f32::NAN)[0] == 0, "{curve:?}");
+        }
+        assert_eq!(encode(Curve::Reinhard.shown(Rgb::splat(REINHARD_WHITE))), [255; 3]);
+        assert_eq!(Curve::Plain.shown(Rgb([0.7, 0.8, 0.9])), Rgb([0.7, 0.8, 0.9]));
     }
 
     #[test]

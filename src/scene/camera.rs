@@ -132,14 +132,52 @@ impl Camera {
 
     /// The camera in the unit ball of a fitted scene.
     pub fn view(&self, fit: &Fit) -> View {
-        let forward = (self.target - self.eye).normalize_or(-DVec3::Z);
-        let right = forward.cross(self.up).normalize_or(forward.any_orthonormal_vector());
+        let [forward, right, _] = self.axes();
         let pixel = 2.0 * (0.5 * self.vfov_deg.to_radians()).tan() / f64::from(self.height);
         let across = right * pixel;
         let down = forward.cross(right) * pixel;
         let middle = [self.width, self.height].map(|n| 0.5 * f64::from(n));
         let corner = forward - across * middle[0] - down * middle[1];
         View { origin: fit.to_unit(self.eye), corner, across, down }
+    }
+
+    /// The camera as one that sees all around, in the unit ball of a fitted scene.
+    pub fn panorama(&self, fit: &Fit) -> Panorama {
+        let [forward, right, _] = self.axes();
+        let up = self.up.normalize_or(right.cross(forward));
+        let size = [self.width, self.height].map(f64::from);
+        Panorama { origin: fit.to_unit(self.eye), ahead: up.cross(right), right, up, size }
+    }
+
+    /// The six square cameras of a cube around the eye, with what each is called: `front` looks level, as
+    /// `up` has it, towards the target. Seen from inside, `right`, `back` and `left` follow it clockwise
+    /// with `up` upwards; below `up` and above `down` is `front`. Each has `height` pixels a side.
+    pub fn cube(&self) -> [(&'static str, Camera); 6] {
+        let [forward, right, _] = self.axes();
+        let up = self.up.normalize_or(right.cross(forward));
+        let ahead = up.cross(right);
+        let face = |towards: DVec3, up: DVec3| Camera {
+            target: self.eye + towards,
+            up,
+            vfov_deg: 90.0,
+            width: self.height,
+            ..*self
+        };
+        [
+            ("front", face(ahead, up)),
+            ("right", face(right, up)),
+            ("back", face(-ahead, up)),
+            ("left", face(-right, up)),
+            ("up", face(up, -ahead)),
+            ("down", face(-up, ahead)),
+        ]
+    }
+
+    /// Unit vectors: towards the target, to the right in the picture, and up in it.
+    fn axes(&self) -> [DVec3; 3] {
+        let forward = (self.target - self.eye).normalize_or(-DVec3::Z);
+        let right = forward.cross(self.up).normalize_or(forward.any_orthonormal_vector());
+        [forward, right, right.cross(forward)]
     }
 }
 
@@ -148,7 +186,7 @@ impl Camera {
 pub struct View {
     /// The eye, in the fitted scene's units; it may be outside the ball.
     pub origin: Vec3,
-    /// Towards the top left corner of the picture.
+    /// Towards the top left corner of the picture; at least as long as 1.
     pub corner: DVec3,
     /// One pixel to the right.
     pub across: DVec3,
@@ -162,6 +200,29 @@ impl View {
     pub fn ray(&self, px: f64, py: f64) -> (Vec3, Vec3) {
         let direction = self.corner + self.across * px + self.down * py;
         (self.origin, direction.normalize().as_vec3())
+    }
+}
+
+/// A camera that sees all around: columns are angles about `up`, rows angles from it (equirectangular).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Panorama {
+    /// The eye, in the fitted scene's units.
+    pub origin: Vec3,
+    /// Level towards what the camera looks at: the middle of the picture.
+    ahead: DVec3,
+    right: DVec3,
+    up: DVec3,
+    /// Width and height in pixels.
+    size: [f64; 2],
+}
+
+impl Panorama {
+    /// The ray through a place in the picture, as [`View::ray`].
+    pub fn ray(&self, px: f64, py: f64) -> (Vec3, Vec3) {
+        let (sin, cos) = ((px / self.size[0] - 0.5) * std::f64::consts::TAU).sin_cos();
+        let (rise, level) = ((0.5 - py / self.size[1]) * std::f64::consts::PI).sin_cos();
+        let direction = (self.ahead * cos + self.right * sin) * level + self.up * rise;
+        (self.origin, direction.as_vec3().normalize())
     }
 }
 
@@ -182,6 +243,44 @@ mod tests {
         // The top middle is 45 degrees up; the right edge twice as far out.
         assert!(view.ray(2.0, 0.0).1.distance(Vec3::new(0.0, 1.0, -1.0).normalize()) < 1e-6);
         assert!(view.ray(4.0, 1.0).1.distance(Vec3::new(2.0, 0.0, -1.0).normalize()) < 1e-6);
+    }
+
+    #[test]
+    fn a_panorama_looks_ahead_in_its_middle_and_clockwise_to_its_right() {
+        let fit = Fit { centre: DVec3::ZERO, radius: 1.0 };
+        let text = GOOD.replace("[0,0,0]", "[0,3,0]").replace("\"width\":4", "\"width\":8");
+        let all_around = Camera::from_json(&text).unwrap().panorama(&fit);
+        let near = |x, y, to: Vec3| {
+            let dir = all_around.ray(x, y).1;
+            assert!(dir.distance(to) < 1e-6, "({x}, {y}) looks to {dir}, not {to}");
+        };
+        // Level, though the camera looks up.
+        near(4.0, 1.0, -Vec3::Z);
+        near(6.0, 1.0, Vec3::X);
+        near(2.0, 1.0, -Vec3::X);
+        near(0.0, 1.0, Vec3::Z);
+        near(8.0, 1.0, Vec3::Z);
+        near(1.0, 0.0, Vec3::Y);
+        near(4.0, 1.5, Vec3::new(0.0, -1.0, -1.0).normalize());
+    }
+
+    #[test]
+    fn the_faces_of_a_cube_meet_at_their_edges() {
+        let fit = Fit { centre: DVec3::ZERO, radius: 1.0 };
+        let faces = Camera::from_json(GOOD).unwrap().cube();
+        let face = |name: &str| faces.iter().find(|f| f.0 == name).unwrap().1.view(&fit);
+        let same = |one: (&str, f64, f64), two: (&str, f64, f64)| {
+            let (a, b) = (face(one.0).ray(one.1, one.2).1, face(two.0).ray(two.1, two.2).1);
+            assert!(a.distance(b) < 1e-6, "{one:?} sees {a}, {two:?} {b}");
+        };
+        let all = ["front", "right", "back", "left"];
+        for (one, next) in all.iter().zip(all.iter().cycle().skip(1)) {
+            same((one, 2.0, 0.5), (next, 0.0, 0.5));
+        }
+        // Below the upper face and above the lower is the front.
+        same(("up", 0.7, 2.0), ("front", 0.7, 0.0));
+        same(("down", 0.7, 0.0), ("front", 0.7, 2.0));
+        assert!(face("front").ray(1.0, 1.0).1.distance(-Vec3::Z) < 1e-6);
     }
 
     #[test]

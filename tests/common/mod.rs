@@ -187,7 +187,7 @@ impl Baked {
 /// A picture of a field.
 pub fn picture(field: &LightField, camera: &Camera, method: Method, samples: u32) -> Picture {
     let visible = Visible::new(&field.scene);
-    let options = vlf::look::render::Options { samples };
+    let options = vlf::look::render::Options { samples, ..Default::default() };
     take(field, &visible, camera, (method, options), &|_| {}).unwrap()
 }
 

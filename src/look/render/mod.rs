@@ -29,11 +29,23 @@ pub struct Options {
     /// are stratified best. Pixels whose samples disagree take more. One sample looks through the
     /// pixel's middle.
     pub samples: u32,
+    /// What of the directions around the eye the picture shows.
+    pub projection: Projection,
+}
+
+/// How directions become places in a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Projection {
+    /// Of a pinhole camera.
+    #[default]
+    Perspective,
+    /// All around the eye, see [`Camera::panorama`].
+    Equirectangular,
 }
 
 impl Default for Options {
     fn default() -> Options {
-        Options { samples: 16 }
+        Options { samples: 16, projection: Projection::default() }
     }
 }
 
@@ -42,6 +54,9 @@ pub type Radiance<'a> = dyn Fn(Vec3, &Hit) -> Rgb + Sync + 'a;
 
 /// The same for one thread, which may remember what it has seen.
 pub type Looker<'a> = Box<dyn FnMut(Vec3, &Hit) -> Rgb + 'a>;
+
+/// Pixels after which `progress` is told within a row: rows of many samples take long.
+const TOLD_EVERY: usize = 32;
 
 /// A pixel whose samples disagree, as where a lamp's edge runs through it, takes up to this many times
 /// as many.
@@ -74,7 +89,7 @@ impl Moments {
 }
 
 /// Takes a picture, on all threads of the rayon pool it is called in. Pixels that look past the scene
-/// are black. `progress` is told the finished part, in (0, 1], row by row and from any thread.
+/// are black. `progress` is told the finished part, up to 1, again and again and from any thread.
 pub fn render(
     scene: &Scene,
     visible: &Visible,
@@ -98,6 +113,11 @@ pub fn render_with<'a>(
 ) -> Picture {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let view = camera.view(&scene.fit);
+    let all_around = camera.panorama(&scene.fit);
+    let ray = |x: f64, y: f64| match options.projection {
+        Projection::Perspective => view.ray(x, y),
+        Projection::Equirectangular => all_around.ray(x, y),
+    };
     let samples = options.samples.clamp(1, MOST_SAMPLES);
     let places = places(samples * if samples > 1 { REFINED } else { 1 });
     let pixel = |look: &mut Looker<'a>, x: usize, y: usize| -> Rgb {
@@ -110,7 +130,7 @@ pub fn render_with<'a>(
         while taken < wanted {
             for place in &places[taken..wanted] {
                 let [dx, dy] = if samples == 1 { [0.5; 2] } else { shuffled(*place, seed) };
-                let (origin, dir) = view.ray(x as f64 + dx, y as f64 + dy);
+                let (origin, dir) = ray(x as f64 + dx, y as f64 + dy);
                 let hit = visible.nearest(origin, dir, 0.0);
                 let found = hit.map_or(Rgb::BLACK, |hit| look(dir, &hit));
                 (0..3).for_each(|c| sum[c] += f64::from(found.0[c]));
@@ -129,7 +149,7 @@ pub fn render_with<'a>(
         let done = rows_done.fetch_add(rows, Ordering::Relaxed) + rows;
         progress(done as f32 / height as f32);
     };
-    if samples == 1 {
+    if samples == 1 && options.projection == Projection::Perspective {
         let primary = Primary::new(visible, &view, (camera.width, camera.height));
         let bands = picture.pixels.par_chunks_mut((width * BAND).max(1)).enumerate();
         bands.for_each_init(
@@ -147,6 +167,9 @@ pub fn render_with<'a>(
     rows.for_each_init(looker, |look, (y, row)| {
         for (x, out) in row.iter_mut().enumerate() {
             *out = pixel(look, x, y);
+            if x % TOLD_EVERY == TOLD_EVERY - 1 {
+                tell(0);
+            }
         }
         tell(1);
     });
@@ -241,7 +264,7 @@ mod tests {
         let visible = Visible::new(&scene);
         let take = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let options = Options { samples: 9 };
+            let options = Options { samples: 9, ..Options::default() };
             pool.install(|| render(&scene, &visible, &camera, options, &shade, &|_| ()))
         };
         let one = take(1);
@@ -257,7 +280,14 @@ mod tests {
         let visible = Visible::new(&scene);
         let white = |_: Vec3, hit: &Hit| Rgb::splat(if hit.surface.0 == 4 { 1.0 } else { 0.0 });
         let mean = |camera: Camera, samples| {
-            let p = render(&scene, &visible, &camera, Options { samples }, &white, &|_| ());
+            let p = render(
+                &scene,
+                &visible,
+                &camera,
+                Options { samples, ..Options::default() },
+                &white,
+                &|_| (),
+            );
             p.pixels.iter().map(|p| f64::from(p.0[0])).sum::<f64>() / p.pixels.len() as f64
         };
         let fine = mean(camera(400, 300), 4);
@@ -275,7 +305,14 @@ mod tests {
             let mut last = last.lock().unwrap();
             *last = last.max(p);
         };
-        let picture = render(&scene, &visible, &away, Options { samples: 1 }, &shade, &told);
+        let picture = render(
+            &scene,
+            &visible,
+            &away,
+            Options { samples: 1, ..Options::default() },
+            &shade,
+            &told,
+        );
         assert!(picture.pixels.iter().all(|p| p.is_black()));
         assert_eq!(*last.lock().unwrap(), 1.0);
     }

@@ -1,62 +1,183 @@
-//! Where the pictures come from: a baked light field, opened and ready to be looked at.
+//! What is looked at: a baked light field, opened, and what is newer of it on disk.
 
-use crate::window::Painter;
+use crate::collide::is_open;
 use glam::{DVec3, Vec3};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::SystemTime;
 use vlf::Visible;
 use vlf::format::limits::Limits;
-use vlf::look::image::Picture;
+use vlf::format::manifest::{Manifest, Phase};
+use vlf::look::lightfield::{LookError, newest_manifest};
 use vlf::look::packed::Access;
-use vlf::look::render::Options;
-use vlf::look::render::method::{self, take};
 use vlf::{Camera, LightField};
 
-/// Which method of the paper's section 6 takes the pictures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Method {
-    /// Everything from the light field.
-    Field,
-    /// Diffuse surfaces from the texture maps, mirrors by rays.
-    Trace,
+/// What to open, and how.
+#[derive(Clone, Debug)]
+pub struct Opening {
+    /// The packed light field, or the field itself, which may still be baked.
+    pub path: PathBuf,
+    /// How a pack is looked into.
+    pub access: Access,
+    /// Bytes that decoded maps may take.
+    pub memory: u64,
+    /// Limits on what a file may state.
+    pub limits: Limits,
 }
 
 /// An opened light field.
 pub struct Source {
-    /// Takes pictures of it.
-    pub painter: Painter,
+    /// The field.
+    pub field: LightField,
+    /// What a ray meets first in its scene.
+    pub visible: Visible,
     /// Where to start.
     pub start: Camera,
     /// A walking speed that suits the scene's size, in its own units a second.
     pub speed: f64,
+    /// Bytes that decoded maps may take.
+    pub memory: u64,
 }
 
-/// Opens a light field, whose decoded maps may take so many bytes.
-///
-/// # Errors
-/// When the file cannot be read.
-pub fn open(
-    path: &Path,
-    method: Method,
-    (access, memory): (Access, u64),
-    limits: &Limits,
-) -> anyhow::Result<Source> {
-    let field = LightField::open_within(path, access, limits)?.with_memory(memory);
-    let visible = Visible::new(&field.scene);
-    let start = first_view(&field, &visible);
-    let speed = 0.4 * field.scene.fit.radius;
-    let method = match method {
-        Method::Field => method::Method::Field,
-        Method::Trace => method::Method::Trace,
+impl Opening {
+    /// Opens it at its newest whole generation.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn open(&self) -> Result<Source, LookError> {
+        let field = LightField::open_newest(&self.path, self.access, &self.limits)?;
+        let field = field.with_memory(self.memory);
+        let visible = Visible::new(&field.scene);
+        let start = first_view(&field, &visible);
+        let speed = 0.4 * field.scene.fit.radius;
+        Ok(Source { field, visible, start, speed, memory: self.memory })
+    }
+}
+
+/// What there is on disk that is not what is shown.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct News {
+    /// What is wrong with what is shown.
+    pub trouble: Option<String>,
+    /// What can be taken instead.
+    pub offer: Option<String>,
+}
+
+/// What is shown, and what is newer.
+pub struct Feed {
+    opening: Opening,
+    state: Mutex<State>,
+}
+
+struct State {
+    now: Arc<Source>,
+    mark: Option<Mark>,
+    news: News,
+}
+
+/// By what a file is known again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Mark {
+    inode: u64,
+    length: u64,
+    modified: Option<SystemTime>,
+}
+
+impl Feed {
+    /// Opens what is to be looked at.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn open(opening: Opening) -> Result<Feed, LookError> {
+        // Before it is opened: what changes meanwhile is news.
+        let mark = Mark::of(&opening.path);
+        let now = Arc::new(opening.open()?);
+        let state = Mutex::new(State { now, mark, news: News::default() });
+        Ok(Feed { opening, state })
+    }
+
+    /// What is shown.
+    pub fn now(&self) -> Arc<Source> {
+        self.state().now.clone()
+    }
+
+    /// What is newer, as of the last [`Feed::check`].
+    pub fn news(&self) -> News {
+        self.state().news.clone()
+    }
+
+    /// Looks at the disk. Returns whether there is something new to say.
+    pub fn check(&self) -> bool {
+        let (shown, mark) = {
+            let state = self.state();
+            (state.now.clone(), state.mark)
+        };
+        let news = match self.opening.path.is_dir() {
+            true => self.news_of_field(&shown.field.manifest),
+            false => news_of_pack(mark, Mark::of(&self.opening.path)),
+        };
+        let mut state = self.state();
+        // What was opened meanwhile has its own news.
+        let is_new = Arc::ptr_eq(&state.now, &shown) && state.news != news;
+        if is_new {
+            state.news = news;
+        }
+        is_new
+    }
+
+    /// Opens what is on disk now.
+    ///
+    /// # Errors
+    /// When it cannot be read; what was shown stays.
+    pub fn take_next(&self) -> Result<(), LookError> {
+        let mark = Mark::of(&self.opening.path);
+        let now = Arc::new(self.opening.open()?);
+        *self.state() = State { now, mark, news: News::default() };
+        Ok(())
+    }
+
+    fn news_of_field(&self, shown: &Manifest) -> News {
+        let newest = match newest_manifest(&self.opening.path, &self.opening.limits) {
+            Ok((_, newest)) => newest,
+            Err(e) => return News { trouble: Some(e.to_string()), offer: None },
+        };
+        let stage = |m: &Manifest| (m.phase == Phase::Finished, m.cycle, m.parameters.directions);
+        let is_other = newest.scene_hash != shown.scene_hash || newest.digest != shown.digest;
+        if stage(&newest) == stage(shown) && !is_other {
+            return News::default();
+        }
+        let what = match newest.phase {
+            Phase::Finished => "the bake is finished".to_owned(),
+            _ => format!("the light of {} cycles is there", newest.cycle),
+        };
+        News { trouble: None, offer: Some(format!("{what}: N takes it")) }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn news_of_pack(opened: Option<Mark>, now: Option<Mark>) -> News {
+    let trouble = match (opened, now) {
+        (a, b) if a == b => return News::default(),
+        (_, None) => "the pack is gone from its place",
+        (Some(a), Some(b)) if a.inode == b.inode && b.length < a.length => "the pack was cut short",
+        _ => "the pack was replaced",
     };
-    let painter = Box::new(move |camera: &Camera| {
-        let options = (method, Options { samples: 1 });
-        take(&field, &visible, camera, options, &|_| ()).unwrap_or_else(|error| {
-            // A damaged map: the walk goes on, and whoever started it is told.
-            eprintln!("vlf-view: {error}");
-            Picture::black(camera.width, camera.height)
-        })
-    });
-    Ok(Source { painter, start, speed })
+    let offer = now.map(|_| "N opens the pack as it is now".to_owned());
+    News { trouble: Some(trouble.to_owned()), offer }
+}
+
+impl Mark {
+    fn of(path: &Path) -> Option<Mark> {
+        let data = std::fs::metadata(path).ok()?;
+        #[cfg(unix)]
+        let inode = std::os::unix::fs::MetadataExt::ino(&data);
+        #[cfg(not(unix))]
+        let inode = 0;
+        Some(Mark { inode, length: data.len(), modified: data.modified().ok() })
+    }
 }
 
 /// A place inside the scene and a level view from it that shows most of it: of a grid of places and
@@ -66,7 +187,7 @@ fn first_view(field: &LightField, visible: &Visible) -> Camera {
     for place in 0..7 * 5 * 7 {
         let at = |n: i32, of: i32| (n as f32 + 0.5) / of as f32 * 2.0 - 1.0;
         let eye = Vec3::new(at(place % 7, 7), at(place / 7 % 5, 5), at(place / 35, 7)) * 0.7;
-        if visible.touching(eye).is_some() || visible.inside_a_solid(eye) {
+        if !is_open(visible, eye) {
             continue;
         }
         for heading in 0..16 {
@@ -98,3 +219,6 @@ fn first_view(field: &LightField, visible: &Visible) -> Camera {
         height: 480,
     }
 }
+
+#[cfg(test)]
+mod tests;

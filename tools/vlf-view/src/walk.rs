@@ -1,5 +1,6 @@
 //! Where the walker stands and looks: keys and mouse in, a camera out. No window, no clock.
 
+use crate::action::Way;
 use glam::DVec3;
 use vlf::Camera;
 
@@ -8,6 +9,10 @@ const TURN: f64 = 0.004;
 
 /// The steepest look up or down, radians; straight up there would be no ahead.
 const STEEPEST: f64 = 1.55;
+
+/// The most seconds that one step may take: a long pause (a window moved, a machine asleep) is no
+/// long way.
+pub const LONGEST_STEP: f64 = 0.25;
 
 /// The speed with the hurry key, in usual speeds.
 const HURRY: f64 = 4.0;
@@ -29,6 +34,21 @@ pub struct Pressed {
     pub down: bool,
     /// Faster.
     pub hurry: bool,
+}
+
+impl Pressed {
+    /// A movement begins or ends.
+    pub fn set(&mut self, way: Way, on: bool) {
+        *match way {
+            Way::Ahead => &mut self.ahead,
+            Way::Back => &mut self.back,
+            Way::Left => &mut self.left,
+            Way::Right => &mut self.right,
+            Way::Up => &mut self.up,
+            Way::Down => &mut self.down,
+            Way::Hurry => &mut self.hurry,
+        } = on;
+    }
 }
 
 /// The walker.
@@ -74,16 +94,33 @@ impl Walk {
         self.pitch = (self.pitch + down * TURN).clamp(-STEEPEST, STEEPEST);
     }
 
-    /// Moves for some seconds; true when the eye moved.
-    pub fn step(&mut self, pressed: Pressed, seconds: f64) -> bool {
+    /// Moves for some seconds; true when the eye moved. `allowed` says how much of a way from a place,
+    /// in own units, can be gone.
+    pub fn step(
+        &mut self,
+        pressed: Pressed,
+        seconds: f64,
+        allowed: &dyn Fn(DVec3, DVec3) -> DVec3,
+    ) -> bool {
         let axis = |plus: bool, minus: bool| f64::from(i8::from(plus) - i8::from(minus));
         let way = self.forward() * axis(pressed.ahead, pressed.back)
             + self.right() * axis(pressed.right, pressed.left)
             + self.up * axis(pressed.up, pressed.down);
         let Some(way) = way.try_normalize() else { return false };
         let speed = if pressed.hurry { self.speed * HURRY } else { self.speed };
-        self.eye += way * (speed * seconds);
-        true
+        let way = allowed(self.eye, way * (speed * seconds.clamp(0.0, LONGEST_STEP)));
+        self.eye += way;
+        way != DVec3::ZERO
+    }
+
+    /// Goes to where a camera stands, and keeps the speed.
+    pub fn go_to(&mut self, camera: &Camera) {
+        *self = Walk::new(camera, self.speed);
+    }
+
+    /// Own units a second.
+    pub fn speed(&self) -> f64 {
+        self.speed
     }
 
     /// Changes the speed by notches of the wheel.
@@ -129,15 +166,23 @@ mod tests {
 
     #[test]
     fn looking_down_minus_z_right_is_plus_x() {
-        let mut walk = Walk::new(&camera(-DVec3::Z), 2.0);
-        assert!(walk.step(Pressed { right: true, ..Pressed::default() }, 0.5));
+        let mut walk = Walk::new(&camera(-DVec3::Z), 4.0);
+        assert!(walk.step(Pressed { right: true, ..Pressed::default() }, 0.25, &|_, way| way));
         near(walk.eye, DVec3::new(2.0, 2.0, 3.0));
-        assert!(walk.step(Pressed { ahead: true, hurry: true, ..Pressed::default() }, 0.5));
+        assert!(walk.step(
+            Pressed { ahead: true, hurry: true, ..Pressed::default() },
+            0.25,
+            &|_, way| way
+        ));
         near(walk.eye, DVec3::new(2.0, 2.0, -1.0));
-        assert!(walk.step(Pressed { down: true, ..Pressed::default() }, 1.0));
-        near(walk.eye, DVec3::new(2.0, 0.0, -1.0));
-        assert!(!walk.step(Pressed { up: true, down: true, ..Pressed::default() }, 1.0));
-        assert!(!walk.step(Pressed { hurry: true, ..Pressed::default() }, 1.0));
+        assert!(walk.step(Pressed { down: true, ..Pressed::default() }, 9.0, &|_, way| way));
+        near(walk.eye, DVec3::new(2.0, 1.0, -1.0));
+        assert!(!walk.step(
+            Pressed { up: true, down: true, ..Pressed::default() },
+            9.0,
+            &|_, way| way
+        ));
+        assert!(!walk.step(Pressed { hurry: true, ..Pressed::default() }, 1.0, &|_, way| way));
     }
 
     #[test]

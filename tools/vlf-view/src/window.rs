@@ -1,40 +1,43 @@
 //! The window: events in, frames out.
-//!
-//! While the walker moves, frames are rendered at a part of the resolution that keeps up with the
-//! motion; at rest the resolution doubles from frame to frame until it is full, so that a key pressed
-//! meanwhile is heard soon.
 
-use crate::walk::{Pressed, Walk};
-use softbuffer::{Context, Surface};
+use crate::overlay::{enlarge, write};
+use crate::pace::Pass;
+use crate::paint::{Frame, Job, Shot, paint};
+use crate::shots;
+use crate::source::Feed;
+use crate::state::{Walkthrough, Wish};
+use crate::worker::Worker;
+use arboard::Clipboard;
+use rayon::ThreadPoolBuilder;
+use softbuffer::{Context, SoftBufferError, Surface};
+use std::io::Write;
 use std::num::NonZeroU32;
+use std::path::PathBuf;
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::thread;
 use std::time::{Duration, Instant};
-use vlf::Camera;
-use vlf::look::image::{Bitmap, Picture};
-use vlf::look::tone;
+use vlf::look::path::TimedView;
 use winit::application::ApplicationHandler;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
-use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
-use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, OwnedDisplayHandle};
-use winit::keyboard::{KeyCode, PhysicalKey};
-use winit::window::{Window, WindowId};
+use winit::event::{
+    DeviceEvent, DeviceId, ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent,
+};
+use winit::event_loop::{
+    ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy, OwnedDisplayHandle,
+};
+use winit::keyboard::{Key, ModifiersState, PhysicalKey};
+use winit::window::{CursorGrabMode, Fullscreen, Window, WindowId};
 
-/// Takes the picture that a camera sees, of the camera's size, in linear radiance.
-pub type Painter = Box<dyn Fn(&Camera) -> Picture>;
+/// How often the disk is asked for something newer.
+const ASKED: Duration = Duration::from_millis(500);
 
-/// What the keys do.
-pub const HELP: &str = "\
-W A S D, arrows  walk            drag   look around
-E, space         up              wheel  walking speed
-Q, C             down            + -    exposure, half a stop
-shift            hurry           X      exposure from what is seen
-F1, ?            this help       Esc    quit";
+/// The seconds that the first step of a walk stands for: a frame's.
+const FIRST_STEP: f64 = 1.0 / 60.0;
 
-/// The time that a frame may take while the walker moves.
-const MOVING_FRAME: Duration = Duration::from_millis(50);
-
-/// The coarsest frame has one ray for a square of so many pixels a side.
-const COARSEST: u32 = 16;
+/// A button that goes up within so many pixels of where it went down has clicked, not dragged.
+const CLICK: f64 = 4.0;
 
 /// Why there is no window.
 #[derive(Debug, thiserror::Error)]
@@ -51,38 +54,74 @@ pub enum WindowError {
 pub struct Show {
     /// Title of the window.
     pub title: String,
-    /// Where the walker starts.
-    pub walk: Walk,
     /// Size of the window in pixels.
     pub size: (u32, u32),
-    /// Exposure in stops; `None` takes it from the first frame.
-    pub exposure: Option<f32>,
-    /// Where the pictures come from.
-    pub painter: Painter,
+    /// The walk.
+    pub state: Walkthrough,
+    /// What is looked at.
+    pub feed: Arc<Feed>,
+    /// The folder and the beginning of the names of screenshots.
+    pub shots: (PathBuf, String),
 }
 
-/// Shows the window until it is closed.
+/// What other threads tell the window.
+enum Told {
+    /// A job is done, or was overtaken.
+    Done(Job, Option<Frame>),
+    /// There is something newer on disk, or something wrong.
+    News,
+    /// What was newer is open, or why it is not.
+    Opened(Result<(), String>),
+    /// Something to show.
+    Say(String),
+}
+
+/// Shows the window until it is closed. Returns the walk.
 ///
 /// # Errors
 /// When there is no display or the window system fails.
-pub fn run(show: Show) -> Result<(), WindowError> {
-    let events = EventLoop::new().map_err(|e| WindowError::NoDisplay(plain(&e.to_string())))?;
+pub fn run(show: Show) -> Result<Vec<TimedView>, WindowError> {
+    let events = EventLoop::with_user_event()
+        .build()
+        .map_err(|e| WindowError::NoDisplay(plain(&e.to_string())))?;
     let context = Context::new(events.owned_display_handle())
         .map_err(|e| WindowError::NoDisplay(e.to_string()))?;
+    let proxy = events.create_proxy();
+    // Whoever sends after the window is gone tells nobody.
+    let teller = proxy.clone();
+    let worker = Worker::new(move |job, frame| _ = teller.send_event(Told::Done(job, frame)));
+    watch(show.feed.clone(), proxy.clone());
     let mut app = App {
         show,
         context,
+        proxy,
+        worker,
         surface: None,
-        pressed: Pressed::default(),
-        dragging: false,
-        pointer: PhysicalPosition::default(),
-        turned: false,
+        inner: PhysicalSize::default(),
+        under_way: false,
+        idle: true,
         last: Instant::now(),
-        pace: Pace::new(),
+        modifiers: ModifiersState::empty(),
+        pointer: PhysicalPosition::default(),
+        drag: None,
+        captured: false,
+        clipboard: None,
         failure: None,
     };
     events.run_app(&mut app).map_err(|e| WindowError::Failed(e.to_string()))?;
-    app.failure.map_or(Ok(()), Err)
+    app.failure.map_or(Ok(app.show.state.recorded().to_vec()), Err)
+}
+
+/// Looks at the disk again and again, until the window is gone.
+fn watch(feed: Arc<Feed>, proxy: EventLoopProxy<Told>) {
+    thread::spawn(move || {
+        loop {
+            thread::sleep(ASKED);
+            if feed.check() && proxy.send_event(Told::News).is_err() {
+                return;
+            }
+        }
+    });
 }
 
 /// The window library's message without the place in its source that it begins with.
@@ -95,53 +134,23 @@ fn plain(message: &str) -> String {
 struct App {
     show: Show,
     context: Context<OwnedDisplayHandle>,
+    proxy: EventLoopProxy<Told>,
+    worker: Worker,
     surface: Option<Surface<OwnedDisplayHandle, Rc<Window>>>,
-    pressed: Pressed,
-    dragging: bool,
-    pointer: PhysicalPosition<f64>,
-    /// The view turned, or must be drawn again for another reason, since the last frame.
-    turned: bool,
+    /// The window's size as it was last told; a window that is gone cannot be asked.
+    inner: PhysicalSize<u32>,
+    /// The worker has a job.
+    under_way: bool,
+    /// The picture stands.
+    idle: bool,
     last: Instant,
-    pace: Pace,
+    modifiers: ModifiersState,
+    pointer: PhysicalPosition<f64>,
+    /// How far the pointer went since its button went down.
+    drag: Option<f64>,
+    captured: bool,
+    clipboard: Option<Clipboard>,
     failure: Option<WindowError>,
-}
-
-/// Chooses how coarse the next frame is: a pixel's ray serves a square of `coarse` pixels a side.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Pace {
-    /// What keeps up with motion.
-    moving: u32,
-    /// What was shown last; 1 is full resolution.
-    shown: u32,
-}
-
-impl Pace {
-    fn new() -> Pace {
-        Pace { moving: 4, shown: 8 }
-    }
-
-    /// The next frame's coarseness, or `None` when the full picture is already shown.
-    fn next(&self, moving: bool) -> Option<u32> {
-        match (moving, self.shown) {
-            (true, _) => Some(self.moving),
-            (false, 1) => None,
-            (false, shown) => Some((shown / 2).max(1)),
-        }
-    }
-
-    /// Takes note of a frame and the time it took.
-    fn took(&mut self, coarse: u32, moving: bool, time: Duration) {
-        self.shown = coarse;
-        if !moving {
-            return;
-        }
-        if time > MOVING_FRAME {
-            self.moving = (self.moving * 2).min(COARSEST);
-        } else if time * 6 < MOVING_FRAME {
-            // Half as coarse takes four times as long; leave some room, or it would swing.
-            self.moving = (self.moving / 2).max(1);
-        }
-    }
 }
 
 impl App {
@@ -150,94 +159,198 @@ impl App {
         events.exit();
     }
 
-    fn redraw(&mut self) {
-        self.turned = true;
-        self.ask();
+    fn window(&self) -> Option<&Window> {
+        self.surface.as_ref().map(|surface| surface.window().as_ref())
     }
 
-    fn ask(&self) {
-        if let Some(surface) = &self.surface {
-            surface.window().request_redraw();
+    fn redraw(&self) {
+        if let Some(window) = self.window() {
+            window.request_redraw();
         }
     }
 
-    fn key(&mut self, events: &ActiveEventLoop, code: KeyCode, down: bool) {
-        let p = &mut self.pressed;
-        match code {
-            KeyCode::KeyW | KeyCode::ArrowUp => p.ahead = down,
-            KeyCode::KeyS | KeyCode::ArrowDown => p.back = down,
-            KeyCode::KeyA | KeyCode::ArrowLeft => p.left = down,
-            KeyCode::KeyD | KeyCode::ArrowRight => p.right = down,
-            KeyCode::KeyE | KeyCode::Space => p.up = down,
-            KeyCode::KeyQ | KeyCode::KeyC => p.down = down,
-            KeyCode::ShiftLeft | KeyCode::ShiftRight => p.hurry = down,
-            KeyCode::Escape if down => return events.exit(),
-            KeyCode::F1 | KeyCode::Slash if down => return eprintln!("{HELP}"),
-            KeyCode::Equal | KeyCode::NumpadAdd if down => self.expose(0.5),
-            KeyCode::Minus | KeyCode::NumpadSubtract if down => self.expose(-0.5),
-            KeyCode::KeyX if down => self.show.exposure = None,
-            _ => return,
+    /// The size of the picture; `None` while there is nothing to see of it.
+    fn size(&self) -> Option<(u32, u32)> {
+        self.window()?;
+        let PhysicalSize { width, height } = self.inner;
+        // What a camera can take; no screen is larger.
+        let within = |n: u32| (1..=16_384).contains(&n);
+        (within(width) && within(height)).then_some((width, height))
+    }
+
+    /// Gives the worker what there is to do, unless it is busy with something better.
+    fn pump(&mut self, events: &ActiveEventLoop) {
+        if self.under_way {
+            if self.show.state.is_overtaken() {
+                self.worker.overtake();
+            }
+            return;
         }
+        let Some(size) = self.size() else { return };
         // A key that went down is walked from now on, not from the last frame.
-        if self.pace.shown == 1 {
-            self.last = Instant::now();
+        let seconds = if self.idle { FIRST_STEP } else { self.last.elapsed().as_secs_f64() };
+        self.last = Instant::now();
+        let source = self.show.feed.now();
+        let job = self.show.state.next(&source, seconds, size);
+        self.idle = job.is_none();
+        if let Some(job) = job {
+            self.under_way = true;
+            if !self.worker.begin(source, job) {
+                let why = "the thread that takes the pictures has ended".into();
+                self.fail(events, WindowError::Failed(why));
+            }
         }
+    }
+
+    fn key(&mut self, events: &ActiveEventLoop, event: &KeyEvent) {
+        let PhysicalKey::Code(code) = event.physical_key else { return };
+        let text = match &event.logical_key {
+            Key::Character(text) => text.as_str(),
+            _ => "",
+        };
+        let down = event.state == ElementState::Pressed;
+        let saves = self.modifiers.control_key() || self.modifiers.shift_key();
+        // The window library's names of keys are those of browsers.
+        let wish = self.show.state.key(&format!("{code:?}"), text, down, saves);
+        if let Some(wish) = wish {
+            self.fulfil(events, wish);
+        }
+        if down {
+            self.redraw();
+        }
+    }
+
+    fn fulfil(&mut self, events: &ActiveEventLoop, wish: Wish) {
+        match wish {
+            Wish::Leave if self.captured => self.capture(false),
+            Wish::Leave => events.exit(),
+            Wish::Capture => self.capture(!self.captured),
+            Wish::FullScreen => {
+                if let Some(window) = self.window() {
+                    let all = window.fullscreen().is_none();
+                    window.set_fullscreen(all.then_some(Fullscreen::Borderless(None)));
+                }
+            }
+            Wish::Copy(camera) => self.copy(camera),
+            Wish::Screenshot => self.screenshot(),
+            Wish::TakeNext => {
+                self.show.state.say("opening what is on disk".into());
+                let (feed, proxy) = (self.show.feed.clone(), self.proxy.clone());
+                thread::spawn(move || {
+                    let opened = feed.take_next().map_err(|e| e.to_string());
+                    _ = proxy.send_event(Told::Opened(opened));
+                });
+            }
+        }
+    }
+
+    /// Puts a camera into the clipboard, and on standard output, where it can be had without one.
+    fn copy(&mut self, camera: String) {
+        _ = writeln!(std::io::stdout(), "{camera}");
+        if self.clipboard.is_none() {
+            self.clipboard = Clipboard::new().ok();
+        }
+        let copied = self.clipboard.as_mut().is_some_and(|c| c.set_text(camera.as_str()).is_ok());
+        let place = if copied { "copied and printed" } else { "no clipboard; printed" };
+        self.show.state.say(format!("{place}: {camera}"));
+    }
+
+    /// Writes the picture as fine as it gets, on threads of its own: the walk goes on.
+    fn screenshot(&mut self) {
+        let state = &mut self.show.state;
+        let Some(shown) = state.shown().cloned() else { return };
+        let whole = state.is_done();
+        let pass = Pass { coarse: 1, samples: vlf::look::render::Options::default().samples };
+        let (camera, method) = (state.camera(), shown.taken.shot.method);
+        let job = Job::Take(Shot { camera, pass, method }, shown.look);
+        let (source, proxy) = (self.show.feed.now(), self.proxy.clone());
+        let (folder, stem) = self.show.shots.clone();
+        state.say("taking the picture".into());
+        thread::spawn(move || {
+            let frame = match whole {
+                true => Some(shown),
+                // Among the walk's own threads its frames would wait until this one is done.
+                false => ThreadPoolBuilder::new()
+                    .num_threads(rayon::current_num_threads().div_ceil(2))
+                    .build()
+                    .ok()
+                    .and_then(|own| own.install(|| paint(&source, &job, &AtomicBool::new(false)))),
+            };
+            let Some(frame) = frame else {
+                _ = proxy.send_event(Told::Say("no picture: there are no threads for it".into()));
+                return;
+            };
+            let said = match shots::save(&folder, &stem, &frame) {
+                Ok(path) => format!("saved {} and .exr", path.display()),
+                Err(e) => format!("not saved: {e}"),
+            };
+            _ = proxy.send_event(Told::Say(said));
+        });
+    }
+
+    fn capture(&mut self, on: bool) {
+        let Some(window) = self.window() else { return };
+        let mode = |mode| window.set_cursor_grab(mode).is_ok();
+        // Some systems can hold the pointer in its place, others only in the window.
+        let held = on && (mode(CursorGrabMode::Locked) || mode(CursorGrabMode::Confined));
+        if !held {
+            mode(CursorGrabMode::None);
+        }
+        window.set_cursor_visible(!held);
+        self.captured = held;
+        self.show.state.say(match (on, held) {
+            (true, true) => "the mouse looks around; Esc lets it go".into(),
+            (true, false) => "this system does not let the mouse be captured".into(),
+            _ => String::new(),
+        });
         self.redraw();
     }
 
-    fn expose(&mut self, stops: f32) {
-        self.show.exposure = self.show.exposure.map(|e| e + stops);
+    fn button(&mut self, down: bool) {
+        match (down, self.drag.take()) {
+            (true, _) => self.drag = Some(0.0),
+            (false, Some(way)) if way < CLICK && !self.captured => self.capture(true),
+            _ => {}
+        }
     }
 
-    /// One frame: walk, take the picture, put it in the window, and ask for the next if there is one.
-    fn frame(&mut self) -> Result<(), WindowError> {
+    fn pointer(&mut self, to: PhysicalPosition<f64>) {
+        let (x, y) = (to.x - self.pointer.x, to.y - self.pointer.y);
+        self.pointer = to;
+        let scale = self.window().map_or(1.0, Window::scale_factor);
+        if self.captured {
+            return;
+        }
+        if let Some(way) = &mut self.drag {
+            *way += x.hypot(y);
+            if *way >= CLICK {
+                self.show.state.drag(x / scale, y / scale);
+            }
+        }
+    }
+
+    /// Puts the last picture and the text into the window.
+    fn draw(&mut self) -> Result<(), WindowError> {
+        let Some(size) = self.size() else { return Ok(()) };
+        let lines = self.show.state.lines(&self.show.feed.now(), &self.show.feed.news());
         let Some(surface) = &mut self.surface else { return Ok(()) };
-        let size = surface.window().inner_size();
-        let (Some(width), Some(height)) =
-            (NonZeroU32::new(size.width), NonZeroU32::new(size.height))
-        else {
+        let [Some(width), Some(height)] = [size.0, size.1].map(NonZeroU32::new) else {
             return Ok(());
         };
-        // A long pause (a window moved, a machine asleep) is no long way.
-        let seconds = self.last.elapsed().as_secs_f64().min(0.25);
-        self.last = Instant::now();
-        let stepped = self.show.walk.step(self.pressed, seconds);
-        let moving = stepped || self.turned;
-        self.turned = false;
-        let start = Instant::now();
-        if let Some(coarse) = self.pace.next(moving) {
-            let camera =
-                self.show.walk.camera(size.width.div_ceil(coarse), size.height.div_ceil(coarse));
-            let picture = (self.show.painter)(&camera);
-            let ev = *self.show.exposure.get_or_insert_with(|| tone::auto_exposure(&picture));
-            let bitmap = tone::develop(&picture, ev);
-            self.pace.took(coarse, moving, start.elapsed());
-            let failed = |e: softbuffer::SoftBufferError| WindowError::Failed(e.to_string());
-            surface.resize(width, height).map_err(failed)?;
-            let mut buffer = surface.buffer_mut().map_err(failed)?;
-            enlarge(&bitmap, coarse, size.width, &mut buffer);
-            buffer.present().map_err(failed)?;
+        let scale = surface.window().scale_factor();
+        let failed = |e: SoftBufferError| WindowError::Failed(e.to_string());
+        surface.resize(width, height).map_err(failed)?;
+        let mut buffer = surface.buffer_mut().map_err(failed)?;
+        match self.show.state.shown() {
+            Some(frame) => enlarge(frame, size, &mut buffer),
+            None => buffer.fill(0),
         }
-        if stepped || self.pace.next(false).is_some() {
-            self.ask();
-        }
-        Ok(())
+        write(&lines, size, scale, &mut buffer);
+        buffer.present().map_err(failed)
     }
 }
 
-/// Fills a window's rows of `width` pixels, `0x00RRGGBB`, from a bitmap `coarse` times smaller.
-fn enlarge(bitmap: &Bitmap, coarse: u32, width: u32, out: &mut [u32]) {
-    for (y, row) in out.chunks_mut(width as usize).enumerate() {
-        let from = (y / coarse as usize).min(bitmap.height as usize - 1) * bitmap.width as usize;
-        let line = &bitmap.pixels[from..from + bitmap.width as usize];
-        for (x, pixel) in row.iter_mut().enumerate() {
-            let [r, g, b] = line[x / coarse as usize].map(u32::from);
-            *pixel = r << 16 | g << 8 | b;
-        }
-    }
-}
-
-impl ApplicationHandler for App {
+impl ApplicationHandler<Told> for App {
     fn resumed(&mut self, events: &ActiveEventLoop) {
         events.set_control_flow(ControlFlow::Wait);
         let attributes = Window::default_attributes()
@@ -247,48 +360,83 @@ impl ApplicationHandler for App {
             Ok(window) => Rc::new(window),
             Err(e) => return self.fail(events, WindowError::NoDisplay(plain(&e.to_string()))),
         };
+        self.inner = window.inner_size();
         match Surface::new(&self.context, window) {
             Ok(surface) => self.surface = Some(surface),
             Err(e) => return self.fail(events, WindowError::NoDisplay(e.to_string())),
         }
+        self.pump(events);
+    }
+
+    fn user_event(&mut self, events: &ActiveEventLoop, told: Told) {
+        match told {
+            Told::Done(job, frame) => {
+                self.under_way = false;
+                if let Some(frame) = frame {
+                    self.show.state.took(&job, frame);
+                }
+            }
+            Told::News => {}
+            Told::Say(said) => self.show.state.say(said),
+            Told::Opened(Ok(())) => {
+                self.show.state.say(String::new());
+                self.show.state.another_source();
+            }
+            Told::Opened(Err(why)) => self.show.state.say(format!("cannot be opened: {why}")),
+        }
         self.redraw();
+        self.pump(events);
     }
 
     fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         match event {
-            WindowEvent::CloseRequested => events.exit(),
-            WindowEvent::Resized(_) => self.redraw(),
+            WindowEvent::CloseRequested => return events.exit(),
+            WindowEvent::Destroyed => {
+                self.surface = None;
+                return events.exit();
+            }
+            WindowEvent::Resized(size) => {
+                self.inner = size;
+                self.redraw();
+            }
             // Keys released while another window has the keyboard are never heard of.
             WindowEvent::Focused(false) => {
-                self.pressed = Pressed::default();
-                self.dragging = false;
-            }
-            WindowEvent::KeyboardInput { event, .. } => {
-                if let (PhysicalKey::Code(code), false) = (event.physical_key, event.repeat) {
-                    self.key(events, code, event.state == ElementState::Pressed);
+                self.show.state.let_go();
+                self.drag = None;
+                if self.captured {
+                    self.capture(false);
                 }
             }
+            WindowEvent::ModifiersChanged(modifiers) => self.modifiers = modifiers.state(),
+            WindowEvent::KeyboardInput { event, .. } if !event.repeat => self.key(events, &event),
             WindowEvent::MouseInput { state, button: MouseButton::Left, .. } => {
-                self.dragging = state == ElementState::Pressed;
+                self.button(state == ElementState::Pressed);
             }
-            WindowEvent::CursorMoved { position, .. } => {
-                if self.dragging {
-                    let (x, y) = (position.x - self.pointer.x, position.y - self.pointer.y);
-                    self.show.walk.turn(x, y);
-                    self.redraw();
-                }
-                self.pointer = position;
+            WindowEvent::CursorMoved { position, .. } => self.pointer(position),
+            WindowEvent::MouseWheel { delta, .. } => {
+                self.show.state.wheel(match delta {
+                    MouseScrollDelta::LineDelta(_, lines) => f64::from(lines),
+                    MouseScrollDelta::PixelDelta(way) => way.y / 50.0,
+                });
+                self.redraw();
             }
-            WindowEvent::MouseWheel { delta, .. } => self.show.walk.faster(match delta {
-                MouseScrollDelta::LineDelta(_, lines) => f64::from(lines),
-                MouseScrollDelta::PixelDelta(way) => way.y / 50.0,
-            }),
             WindowEvent::RedrawRequested => {
-                if let Err(failure) = self.frame() {
+                if let Err(failure) = self.draw() {
                     self.fail(events, failure);
                 }
+                return;
             }
-            _ => {}
+            _ => return,
+        }
+        self.pump(events);
+    }
+
+    fn device_event(&mut self, events: &ActiveEventLoop, _: DeviceId, event: DeviceEvent) {
+        if let DeviceEvent::MouseMotion { delta: (x, y) } = event
+            && self.captured
+        {
+            self.show.state.look_around(x, y);
+            self.pump(events);
         }
     }
 }
@@ -296,28 +444,6 @@ impl ApplicationHandler for App {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn at_rest_the_picture_sharpens_and_then_stands() {
-        let mut pace = Pace::new();
-        let mut seen = Vec::new();
-        while let Some(coarse) = pace.next(false) {
-            pace.took(coarse, false, Duration::from_secs(1));
-            seen.push(coarse);
-        }
-        assert_eq!(seen, [4, 2, 1]);
-    }
-
-    #[test]
-    fn moving_frames_become_as_fine_as_the_time_allows() {
-        // 1 microsecond a ray over a million pixels: 62 ms at 4 x 4, 16 ms at 8 x 8.
-        let mut pace = Pace::new();
-        for _ in 0..10 {
-            let coarse = pace.next(true).unwrap();
-            pace.took(coarse, true, Duration::from_micros(1_000_000 / u64::from(coarse * coarse)));
-        }
-        assert_eq!(pace.moving, 8);
-    }
 
     #[test]
     fn messages_name_no_source_file() {
@@ -329,12 +455,19 @@ mod tests {
     }
 
     #[test]
-    fn a_coarse_frame_fills_the_window() {
-        let pixels = vec![[1, 2, 3], [4, 5, 6]];
-        let mut out = [0; 5 * 3];
-        enlarge(&Bitmap { width: 2, height: 1, pixels }, 4, 5, &mut out);
-        assert_eq!(out[0], 0x01_02_03);
-        assert_eq!(out[3], 0x01_02_03);
-        assert_eq!(out[14], 0x04_05_06);
+    fn the_window_librarys_keys_have_the_names_of_browsers() {
+        use winit::keyboard::KeyCode;
+        for (code, name) in [
+            (KeyCode::KeyW, "KeyW"),
+            (KeyCode::ArrowUp, "ArrowUp"),
+            (KeyCode::Digit3, "Digit3"),
+            (KeyCode::NumpadAdd, "NumpadAdd"),
+            (KeyCode::ShiftLeft, "ShiftLeft"),
+            (KeyCode::F1, "F1"),
+            (KeyCode::Escape, "Escape"),
+            (KeyCode::Space, "Space"),
+        ] {
+            assert_eq!(format!("{code:?}"), name);
+        }
     }
 }
