@@ -17,7 +17,9 @@ use vlf::bake::transfer::{Fixed, Quantum, add};
 use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
 use vlf::field::storage::disk::Disk;
-use vlf::format::tiles::{Layout, exponent_for, half_to_f32};
+use vlf::format::container::{self, ChunkKind, FileKind, encode, unencoded};
+use vlf::format::limits::Limits;
+use vlf::format::tiles::{Layout, TileMap, exponent_for, half_to_f32, to_planes};
 use vlf::pack::{PackReport, pack_from};
 use vlf::scene::cuts::Cuts;
 use vlf::scene::texels::Texels;
@@ -88,8 +90,12 @@ impl Office {
 /// A line that is parallel to nothing in the office.
 const LINE: DirectionId = DirectionId(700);
 
-/// A small field of the office, baked when first asked for.
-static BAKED: LazyLock<TempDir> = LazyLock::new(|| {
+/// Small fields of the office, baked when first asked for: one for looking, and one for packing, with as
+/// many cells a tile and surface as the default has.
+static BAKED: LazyLock<TempDir> = LazyLock::new(|| baked(64));
+static TO_PACK: LazyLock<TempDir> = LazyLock::new(|| baked(128));
+
+fn baked(resolution: u32) -> TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let field = folder.path().join("office.field");
     let options = Options {
@@ -102,22 +108,23 @@ static BAKED: LazyLock<TempDir> = LazyLock::new(|| {
         terms: Terms::default(),
         force: false,
     };
-    vlf::bake(&OFFICE.scene, &parameters(129, 64), &field, &options).expect("it bakes");
+    let parameters = parameters(129, resolution);
+    vlf::bake(&OFFICE.scene, &parameters, &field, &options).expect("it bakes");
     folder
-});
+}
 
-/// The same, packed by one thread.
-fn packed(options: &vlf::pack::Options) -> (PathBuf, PackReport) {
-    let field = Disk::new(&BAKED.path().join("office.field"));
-    let pack = BAKED.path().join("office.vlf");
+/// A field packed by one thread.
+fn packed(folder: &TempDir, options: &vlf::pack::Options) -> (PathBuf, PackReport) {
+    let field = Disk::new(&folder.path().join("office.field"));
+    let pack = folder.path().join("office.vlf");
     let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let report = alone.install(|| pack_from(&field, &pack, options, &|_| ())).expect("it packs");
     (pack, report)
 }
 
-/// The same, opened.
+/// A field in a raw pack, opened.
 static FIELD: LazyLock<LightField> = LazyLock::new(|| {
-    let (pack, _) = packed(&vlf::pack::Options::exact(Codec::Raw));
+    let (pack, _) = packed(&BAKED, &vlf::pack::Options::exact(Codec::Raw));
     LightField::open(&pack).expect("it opens")
 });
 
@@ -357,14 +364,42 @@ fn look_up_floor(bencher: Bencher) {
         .bench_local(|| hits.iter().map(radiance).sum::<f32>());
 }
 
-/// Packing by one thread, proof included; bytes are the field's.
+/// Packing by one thread, proof included; bytes are the field's. To be held against `planes_alone`.
 #[divan::bench(args = [0.0, 0.002, 0.01], sample_count = 5)]
 fn pack_planes(bencher: Bencher, max_error: f32) {
     let options = vlf::pack::Options { max_error, ..vlf::pack::Options::exact(Codec::Planes) };
-    let before = packed(&options).1.whole().before;
+    let before = packed(&TO_PACK, &options).1.whole().before;
     bencher
         .counter(divan::counter::BytesCount::new(before))
-        .bench_local(|| packed(black_box(&options)));
+        .bench_local(|| packed(&TO_PACK, black_box(&options)));
+}
+
+/// What the codec alone takes for the same field's maps: planes, a frame, and both undone.
+#[divan::bench(sample_count = 5)]
+fn planes_alone(bencher: Bencher) {
+    let (pack, _) = packed(&TO_PACK, &vlf::pack::Options::exact(Codec::Raw));
+    let bytes = std::fs::read(&pack).expect("it is there");
+    let directory = container::open("pack", &bytes, FileKind::Pack, &Limits::default());
+    let directory = directory.expect("it opens");
+    let surfaces = OFFICE.scene.surfaces.len() as u32;
+    let maps: Vec<(Vec<u8>, Layout)> = { directory.entries.iter() }
+        .filter(|entry| entry.id.kind == ChunkKind::Total)
+        .map(|entry| {
+            let map = directory.chunk(&bytes, entry).expect("it is sound").into_owned();
+            let layout = Layout::check(&map, 128, 16, surfaces, directory.header.exponent);
+            (map, layout.expect("it is sound"))
+        })
+        .collect();
+    let there_and_back = |(map, layout): &(Vec<u8>, Layout)| {
+        let planes = to_planes(&TileMap::new(map, layout));
+        let stored = encode(Codec::Planes, &planes).expect("there is memory");
+        let back = unencoded(Codec::Planes, map.len() as u64, &stored);
+        back.is_ok_and(|back| *back == *map)
+    };
+    let before: usize = maps.iter().map(|(map, _)| map.len()).sum();
+    bencher
+        .counter(divan::counter::BytesCount::new(before))
+        .bench_local(|| assert!(black_box(&maps).iter().all(there_and_back)));
 }
 
 /// A packed map of the office, read, decoded and filled, once for each line.
@@ -372,7 +407,8 @@ fn pack_planes(bencher: Bencher, max_error: f32) {
 fn unpack_a_map(bencher: Bencher) {
     let options =
         vlf::pack::Options { max_error: 0.002, ..vlf::pack::Options::exact(Codec::Planes) };
-    let field = LightField::open(&packed(&options).0).expect("it opens").with_memory(0);
+    let (pack, _) = packed(&TO_PACK, &options);
+    let field = LightField::open(&pack).expect("it opens").with_memory(0);
     let lines = field.directions.len() as u32;
     bencher
         .counter(ItemsCount::new(lines))

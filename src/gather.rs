@@ -49,20 +49,23 @@ impl Around {
         surface: SurfaceId,
         point: Vec3,
     ) -> Option<Rgb> {
-        let mut lookups = [0, 1, 2].map(|k| {
-            let lookup = |map| Lookup { map, surface, sense: self.near[k].sense, tile: None };
-            maps[k].as_ref().map(lookup)
-        });
-        self.blend(&mut lookups, point)
+        self.blend(point, |k| maps[k].map(|map| Lookup::new(map, surface, self.near[k].sense)))
     }
 
-    /// The same from cells that are at hand.
-    pub fn blend(&self, cells: &mut [Option<impl Cells>; 3], point: Vec3) -> Option<Rgb> {
+    /// The same from cells that are at hand; `cells` is asked for those of each of the three.
+    pub fn blend<C: Cells>(
+        &self,
+        point: Vec3,
+        mut cells: impl FnMut(usize) -> Option<C>,
+    ) -> Option<Rgb> {
         let mut sum = Rgb::BLACK;
         let mut weight = 0.0;
-        for ((near, psf), cells) in self.near.iter().zip(&self.psfs).zip(cells) {
-            let Some(cells) = cells.as_mut().filter(|_| near.weight > 0.0) else { continue };
-            if let Some(radiance) = between_cells(cells, psf, point) {
+        for (k, (near, psf)) in self.near.iter().zip(&self.psfs).enumerate() {
+            if near.weight <= 0.0 {
+                continue;
+            }
+            let Some(mut cells) = cells(k) else { continue };
+            if let Some(radiance) = between_cells(&mut cells, psf, point) {
                 sum += radiance * near.weight;
                 weight += near.weight;
             }
@@ -145,9 +148,10 @@ pub fn mirrored(outgoing: Vec3, normal: Vec3) -> Vec3 {
 fn between_cells(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Option<Rgb> {
     let at = psf.project(point);
     let (x, y) = (at.x - 0.5, at.y - 0.5);
-    let (i, j) = (x.floor(), y.floor());
-    let (fx, fy) = (x - i, y - j);
-    let (i, j) = (i as i32, j as i32);
+    // Rounded down, without the call that it is where a processor may lack the instruction.
+    let down = |v: f32| v as i32 - i32::from((v as i32) as f32 > v);
+    let (i, j) = (down(x), down(y));
+    let (fx, fy) = (x - i as f32, y - j as f32);
     let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
     let inner = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
     let mut sum = Rgb::BLACK;
@@ -189,34 +193,50 @@ const RING: [(i32, i32); 12] = [
 ];
 
 /// Looks cells of one surface up and remembers the tile it found last.
-struct Lookup<'a> {
-    map: &'a TileMap<'a>,
+pub struct Lookup<'a> {
+    map: TileMap<'a>,
     surface: SurfaceId,
     sense: Sense,
     /// First cell of that tile, and what the surface shows in it.
     tile: Option<(Cell, Option<Seen<'a>>)>,
 }
 
-impl Cells for Lookup<'_> {
-    fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
+impl<'a> Lookup<'a> {
+    /// For a surface as a map has it in one sense.
+    pub fn new(map: TileMap<'a>, surface: SurfaceId, sense: Sense) -> Lookup<'a> {
+        Lookup { map, surface, sense, tile: None }
+    }
+
+    /// The surface and the sense.
+    pub fn of(&self) -> (SurfaceId, Sense) {
+        (self.surface, self.sense)
+    }
+
+    /// What the surface shows in the tile that holds a cell, and the cell's place in it, row by row.
+    #[inline]
+    pub fn seen(&mut self, i: i32, j: i32) -> Option<(&mut Seen<'a>, u32)> {
         let last = self.map.resolution() as i32 - 1;
         if i < 0 || j < 0 || i > last || j > last {
             return None;
         }
         let (i, j, m) = (i as u32, j as u32, self.map.tile_edge());
         // Without a division: most cells are in the tile of the one before.
-        let is_in = |first: Cell| i.wrapping_sub(first.i) < m && j.wrapping_sub(first.j) < m;
-        let (first, seen) = match self.tile {
-            Some((first, seen)) if is_in(first) => (first, seen),
-            _ => {
-                let entry = self.map.entry(Cell { i, j }, self.surface);
-                let seen = entry.map(|entry| entry.seen(self.sense));
-                let first = Cell { i: i - i % m, j: j - j % m };
-                self.tile = Some((first, seen));
-                (first, seen)
-            }
-        };
-        seen?.radiance((j - first.j) * m + (i - first.i))
+        let is_in = |first: &Cell| i.wrapping_sub(first.i) < m && j.wrapping_sub(first.j) < m;
+        if !self.tile.as_ref().is_some_and(|(first, _)| is_in(first)) {
+            let entry = self.map.entry(Cell { i, j }, self.surface);
+            let first = Cell { i: i - i % m, j: j - j % m };
+            self.tile = Some((first, entry.map(|entry| entry.seen(self.sense))));
+        }
+        let (first, seen) = self.tile.as_mut()?;
+        seen.as_mut().map(|seen| (seen, (j - first.j) * m + (i - first.i)))
+    }
+}
+
+impl Cells for Lookup<'_> {
+    #[inline]
+    fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
+        let (seen, inside) = self.seen(i, j)?;
+        seen.radiance(inside)
     }
 }
 

@@ -29,9 +29,10 @@ use crate::ids::{DirectionId, SurfaceId};
 use crate::psf::Psf;
 use crate::scene::stored;
 use crate::scene::texels::{self, Texels};
-use crate::textured::{Texture, filled};
+use crate::textured::Texture;
 use bytesize::ByteSize;
 use rayon::prelude::*;
+use reduce::Reduced;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fs;
@@ -84,6 +85,9 @@ pub struct Options {
     /// Bytes that maps may take in memory.
     pub memory: u64,
 }
+
+/// [`Options::max_error`] of `vlf-pack` unless it is told another.
+pub const USUAL_ERROR: f32 = 0.002;
 
 /// The largest [`Options::max_error`].
 pub const MOST_ERROR: f32 = 0.25;
@@ -275,6 +279,29 @@ fn maps_at_a_time(
 /// Maps packed at a time, whatever the memory.
 const MOST_MAPS: u64 = 256;
 
+/// What a total map takes in a pack as `vlf-pack` makes it unless it is told otherwise: bytes that are
+/// stored, and values among them. Surfaces for which `keep` is false are left out.
+///
+/// # Errors
+/// When memory does not suffice.
+pub fn usual_size(
+    map: &TileMap,
+    (psf, exponent): (&Psf, i32),
+    texture: &Texture,
+    keep: impl Fn(SurfaceId) -> bool,
+) -> Result<(u64, u64), FieldError> {
+    let reduced = reduce::reduced(map, (psf, exponent), texture, keep, USUAL_ERROR);
+    let tiles = (map.resolution(), map.tile_edge());
+    let surfaces = texture.scene.surfaces.len() as u32;
+    let layout = Layout::check_packed(&reduced.map, tiles, surfaces, exponent);
+    let layout = layout.map_err(|fault| fault.in_file("total map"))?;
+    let kept = TileMap::new(&reduced.map, &layout);
+    let planes = to_planes(&kept);
+    let failed = FieldError::io("encode", Path::new("total map"));
+    let stored = encode(Codec::Planes, &planes).map_err(failed)?;
+    Ok((stored.len() as u64, kept.value_count() as u64))
+}
+
 /// What the maps of a field are packed with.
 struct Packer<'a> {
     storage: &'a dyn Storage,
@@ -315,52 +342,33 @@ impl Packer<'_> {
         let Options { codec, max_error, diffuse, .. } = *self.options;
         // What is to stay as it is may still be the texture map's to the bit; only planes say so then.
         let stays = codec == Codec::Raw || (codec == Codec::Zstd && max_error == 0.0);
-        let raw = match (stays, diffuse) {
-            (true, Diffuse::Maps) => Cow::Borrowed(&bytes),
-            (true, Diffuse::Texture) => Cow::Owned(reduce::kept(&map, keep)),
-            (false, _) => {
-                let place = (&psf, exponent);
-                Cow::Owned(reduce::reduced(&map, place, &self.texture, keep, max_error))
+        let reduced = match (stays, diffuse) {
+            (true, Diffuse::Maps) => Reduced { map: Cow::Borrowed(&*bytes), left: Vec::new() },
+            (true, Diffuse::Texture) => {
+                Reduced { map: reduce::kept(&map, keep).into(), left: Vec::new() }
             }
+            (false, _) => reduce::reduced(&map, (&psf, exponent), &self.texture, keep, max_error),
         };
-        let (stored, values) = {
-            let check = Layout::check_packed(&raw, (resolution, tile), surfaces, exponent);
-            let layout = check.map_err(failed)?;
-            let map = TileMap::new(&raw, &layout);
-            let stored = match self.options.codec {
-                Codec::Planes => encode(Codec::Planes, &to_planes(&map)).map(Cow::into_owned),
-                codec => encode(codec, &raw).map(Cow::into_owned),
-            };
-            let io = |source| PackError::Io { path: PathBuf::from(&name), source };
-            (stored.map_err(io)?, map.value_count() as u64)
+        let raw = &*reduced.map;
+        let check = Layout::check_packed(raw, (resolution, tile), surfaces, exponent);
+        let layout = check.map_err(failed)?;
+        let packed = TileMap::new(raw, &layout);
+        let stored = match codec {
+            Codec::Planes => encode(codec, &to_planes(&packed)).map(Cow::into_owned),
+            codec => encode(codec, raw).map(Cow::into_owned),
         };
-        let (from, raw) = (bytes.len() as u64, raw.len() as u64);
-        let deviation = self.proved(direction, &psf, &map, raw, &stored).map_err(failed)?;
-        Ok(Packed { direction, from, raw, stored, values, deviation })
-    }
-
-    /// How far a stored map is from the true one, by a reader's way to it.
-    fn proved(
-        &self,
-        direction: u32,
-        psf: &Psf,
-        true_: &TileMap,
-        raw: u64,
-        stored: &[u8],
-    ) -> Result<Deviation, Fault> {
-        let Header { resolution, tile, surfaces, exponent, .. } = self.header;
-        let codec = self.options.codec;
-        let decoded = container::unencoded(codec, raw, stored)?;
-        let mut bytes = Cow::Borrowed(&*decoded);
-        let mut layout = Layout::check_packed(&bytes, (resolution, tile), surfaces, exponent)?;
-        if layout.is_textured() {
-            let map = TileMap::new(&bytes, &layout);
-            bytes = Cow::Owned(filled(&map, psf, exponent, &self.texture)?);
-            layout = Layout::check(&bytes, resolution, tile, surfaces, exponent)?;
-        }
-        let found = TileMap::new(&bytes, &layout);
-        Deviation::of(direction, (true_, &found), |surface| self.keeps(surface))
-            .filter(|d| d.worst <= self.options.max_error)
-            .ok_or_else(|| Fault::invalid("is not what it was when it is decoded again"))
+        let stored =
+            stored.map_err(|source| PackError::Io { path: PathBuf::from(&name), source })?;
+        let is_same = container::unencoded(codec, raw.len() as u64, &stored).map(|d| *d == *raw);
+        // What is decoded is the map that was packed, and a reader fills textured slots as `left` was
+        // made: this is what it will find.
+        let deviation = { is_same.map_err(failed)? }
+            .then(|| Deviation::of(direction, (&map, &packed), &reduced.left, keep))
+            .flatten()
+            .filter(|deviation| deviation.worst <= max_error);
+        let deviation = deviation
+            .ok_or_else(|| failed(Fault::invalid("is not what it was when it is decoded again")))?;
+        let (from, values) = (bytes.len() as u64, packed.value_count() as u64);
+        Ok(Packed { direction, from, raw: raw.len() as u64, stored, values, deviation })
     }
 }

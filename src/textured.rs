@@ -7,15 +7,15 @@
 //! them is left to the machine: packer and reader find the same bits.
 
 use crate::format::Fault;
-use crate::format::tiles::{self, DATA, Slot, TEXTURED, TileMap};
-use crate::ids::{Cell, Side, SurfaceId};
+use crate::format::tiles::{self, DATA, Slot, TEXTURED, TileMap, half_to_f32};
+use crate::ids::{Cell, Sense, Side, SurfaceId};
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::{Lattice, Texels, sample_at};
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec2};
 use half::f16;
-use half::slice::HalfFloatSliceExt;
+use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 
 /// The cosine between a line and a plane's normal below which the line runs along the plane.
 const EDGE_ON: f64 = 1e-4;
@@ -32,7 +32,7 @@ pub struct Texture<'a> {
 }
 
 /// One surface's lattice under the cells of one parallel subfield.
-struct Under<'a> {
+pub struct Under<'a> {
     lattice: &'a Lattice,
     /// Place of the middle of cell (0, 0), in texels, and what a column and a row add.
     origin: DVec2,
@@ -41,27 +41,78 @@ struct Under<'a> {
     cosine: f64,
 }
 
-impl Texture<'_> {
+impl Under<'_> {
+    fn side(&self, sense: Sense) -> Side {
+        let facing = self.cosine * f64::from(sense.sign());
+        if facing > 0.0 { Side::Front } else { Side::Back }
+    }
+
+    /// The place of a cell, in texels.
+    #[inline]
+    fn at(&self, Cell { i, j }: Cell) -> Vec2 {
+        (self.origin + self.column * f64::from(i) + self.row * f64::from(j)).as_vec2()
+    }
+}
+
+impl<'a> Texture<'a> {
     /// Appends the bits that a slot's covered cells have when it is textured, three f16 each, scaled by
     /// `2^-exponent`; `false`, and nothing, when it cannot be: a mirror, or seen edge-on.
     pub fn values(&self, psf: &Psf, slot: &Slot, exponent: i32, rgb: &mut Vec<u16>) -> bool {
         let Some(under) = self.under(psf, slot.surface) else { return false };
-        let facing = under.cosine * f64::from(slot.sense.sign());
-        let side = if facing > 0.0 { Side::Front } else { Side::Back };
-        let scale = (-f64::from(exponent)).exp2() as f32;
-        let mut channels = Vec::with_capacity(3 * slot.covered_count() as usize);
-        slot.covered(|Cell { i, j }| {
-            let at = under.origin + under.column * f64::from(i) + under.row * f64::from(j);
-            let value = sample_at(self.texels, self.total, under.lattice, side, at.as_vec2());
-            channels.extend(value.0.map(|c| storable(c * scale)));
+        let (side, scale) = (under.side(slot.sense), power(-exponent));
+        let mut places = [Vec2::ZERO; BLOCK];
+        let mut count = 0;
+        slot.covered(|cell| {
+            places[count] = under.at(cell);
+            count += 1;
+            if count == BLOCK {
+                self.append(&places, under.lattice, side, scale, rgb);
+                count = 0;
+            }
         });
-        let mut halves = vec![f16::ZERO; channels.len()];
-        halves.convert_from_f32_slice(&channels);
-        rgb.extend(halves.iter().map(|h| h.to_bits()));
+        self.append(&places[..count], under.lattice, side, scale, rgb);
         true
     }
 
-    fn under(&self, psf: &Psf, id: SurfaceId) -> Option<Under<'_>> {
+    /// Appends the bits of values at places of a lattice, at most [`BLOCK`] of them.
+    fn append(
+        &self,
+        places: &[Vec2],
+        lattice: &Lattice,
+        side: Side,
+        scale: f32,
+        rgb: &mut Vec<u16>,
+    ) {
+        // Each step for all: a texel that has to be waited for holds nothing else up.
+        let mut blocks = [([0; 4], Vec2::ZERO); BLOCK];
+        for (block, at) in blocks.iter_mut().zip(places) {
+            *block = lattice.around(*at);
+        }
+        let mut values = [[0.0; 3]; BLOCK];
+        for ((value, block), at) in values.iter_mut().zip(&blocks).zip(places) {
+            let found = sample_at(self.texels, self.total, lattice, side, (*at, *block));
+            *value = found.0.map(|c| storable(c * scale));
+        }
+        let end = rgb.len();
+        rgb.resize(end + 3 * places.len(), 0);
+        let halves: &mut [f16] = rgb[end..].reinterpret_cast_mut();
+        halves.convert_from_f32_slice(values[..places.len()].as_flattened());
+    }
+
+    /// The radiance that one cell has in a slot that is textured; `under` is its surface's lattice.
+    pub fn value(&self, under: &Under, sense: Sense, cell: Cell, exponent: i32) -> Rgb {
+        let at = under.at(cell);
+        let around = (at, under.lattice.around(at));
+        let found = sample_at(self.texels, self.total, under.lattice, under.side(sense), around);
+        let scale = power(-exponent);
+        let mut bits = [f16::ZERO; 3];
+        bits.convert_from_f32_slice(&found.0.map(|c| storable(c * scale)));
+        Rgb(bits.map(|h| half_to_f32(h.to_bits()) * power(exponent)))
+    }
+
+    /// The lattice of a surface under the cells of a subfield; `None` for what is never textured: a
+    /// mirror, or a surface seen edge-on.
+    pub fn under(&self, psf: &Psf, id: SurfaceId) -> Option<Under<'a>> {
         let cosine = cosine(self.scene, psf, id)?;
         let surface = self.scene.surface(id);
         let [right, up, along] = [psf.right, psf.up, psf.direction].map(|v| v.as_dvec3());
@@ -84,8 +135,17 @@ impl Texture<'_> {
     }
 }
 
+/// 2^exponent, of an exponent that a field may have.
+fn power(exponent: i32) -> f32 {
+    f32::from_bits(((127 + exponent) as u32) << 23)
+}
+
+/// Values that are sampled at a time.
+const BLOCK: usize = 64;
+
 /// The nearest number that an f16 of a tile map can be. What is not a number, as on a surface without
 /// extent, becomes 0.
+#[inline]
 #[allow(clippy::manual_clamp, reason = "that would keep what is not a number")]
 fn storable(value: f32) -> f32 {
     value.max(0.0).min(65504.0)

@@ -12,8 +12,9 @@ use std::sync::atomic::AtomicBool;
 use tempfile::TempDir;
 use vlf::bake::Options;
 use vlf::field::Terms;
+use vlf::field::storage::disk::Disk;
 use vlf::format::container::Codec;
-use vlf::pack::pack;
+use vlf::pack::{USUAL_ERROR, pack, pack_from};
 use vlf::plan::{Plan, plan};
 use vlf::{Parameters, Scene};
 
@@ -78,6 +79,13 @@ fn bytes_on_disk_are_as_planned() {
             let packed = pack(&baked.path, &out, codec, &|_| {}).unwrap();
             near(&format!("{what}, {codec:?}"), said, packed.bytes, hundredths);
         }
+        let usual = vlf::pack::Options {
+            max_error: USUAL_ERROR,
+            ..vlf::pack::Options::exact(Codec::Planes)
+        };
+        let out = baked.path.with_extension("vlf");
+        let packed = pack_from(&Disk::new(&baked.path), &out, &usual, &|_| {}).unwrap();
+        near(&format!("{what}, packed"), plan.disk.packed, packed.bytes, hundredths);
         assert!(plan.disk.peak >= plan.disk.finished && plan.disk.written >= plan.disk.peak);
     }
 }

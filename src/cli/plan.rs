@@ -72,6 +72,7 @@ fn in_words(p: &Plan, free: Option<u64>, auto: bool) -> anyhow::Result<String> {
         let note = if free < p.disk.peak { "too little" } else { "" };
         line("disk, free", size(free), note)?;
     }
+    line("packed", size(p.disk.packed), "")?;
     line("packed, raw", size(p.disk.packed_raw), "")?;
     line("packed, zstd", size(p.disk.packed_zstd), "")?;
     let m = &p.memory;

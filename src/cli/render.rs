@@ -7,6 +7,7 @@ use anyhow::Context;
 use glam::DVec3;
 use serde_json::json;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 use vlf::Visible;
 use vlf::format::text::shown;
 use vlf::look::image::{Picture, write_exr, write_png};
@@ -44,11 +45,13 @@ pub fn run(a: &args::Render) -> anyhow::Result<u8> {
     }
     shots.iter().try_for_each(|shot| may_replace(&shot.output, kind))?;
     let access = if a.no_map { Access::Read } else { Access::Mapped };
+    let began = Instant::now();
     let field = LightField::open_within(&a.field, access, &a.limits)?;
     let field = field.with_memory(a.memory.as_u64());
     let visible = Visible::new(&field.scene);
     let first = shots[0].camera;
     check_eye(&field, &visible, &first)?;
+    let opening = began.elapsed().as_secs_f64();
     let size = (first.width, first.height);
     let mut film = match kind {
         Kind::Film => Some(Film::create(&a.output, size, a.fps)?),
@@ -101,6 +104,7 @@ pub fn run(a: &args::Render) -> anyhow::Result<u8> {
     if a.json {
         let picture = if shots.len() == 1 { &shots[0].output } else { &a.output };
         let mut out = json!({"picture": picture, "size": [size.0, size.1], "seconds": seconds});
+        out["opening_seconds"] = json!(opening);
         if shots.len() > 1 {
             out["pictures"] = json!(shots.len());
         }

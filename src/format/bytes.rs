@@ -208,18 +208,21 @@ pub use tables::{u16_at, u32_at, u64_at};
 )]
 mod tables {
     /// The little-endian number at an index of a table that has been checked to hold it.
+    #[inline]
     pub fn u32_at(table: &[u8], index: usize) -> u32 {
         let b = &table[4 * index..4 * index + 4];
         u32::from_le_bytes([b[0], b[1], b[2], b[3]])
     }
 
     /// The little-endian number at an index of a table that has been checked to hold it.
+    #[inline]
     pub fn u64_at(table: &[u8], index: usize) -> u64 {
         let b = &table[8 * index..8 * index + 8];
         u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]])
     }
 
     /// The little-endian number at an index of a table that has been checked to hold it.
+    #[inline]
     pub fn u16_at(table: &[u8], index: usize) -> u16 {
         u16::from_le_bytes([table[2 * index], table[2 * index + 1]])
     }

@@ -6,10 +6,13 @@
 use super::lightfield::LightField;
 use super::maps::Map;
 use crate::format::FormatError;
-use crate::gather::{Around, mirrored};
-use crate::ids::{Side, SurfaceId};
+use crate::format::container::NO_DIRECTION;
+use crate::gather::{Around, Cells, Lookup, mirrored};
+use crate::ids::{Cell, Side, SurfaceId};
+use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::{Reflectance, texels};
+use crate::textured::{Texture, Under};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -24,21 +27,27 @@ const _: () = assert!(REMEMBERED >= 3);
 /// Looks radiance up in a field, for one thread.
 pub struct Accessor<'a> {
     field: &'a LightField,
-    last: [Option<Remembered>; REMEMBERED],
+    texture: Texture<'a>,
+    /// The directions whose maps are remembered; [`NO_DIRECTION`] where none is.
+    directions: [u32; REMEMBERED],
+    maps: [Option<Arc<Map>>; REMEMBERED],
+    /// The lookup that needed each last.
+    used: [u64; REMEMBERED],
     lookups: u64,
-}
-
-struct Remembered {
-    direction: u32,
-    map: Arc<Map>,
-    /// The lookup that needed it last.
-    used: u64,
 }
 
 impl<'a> Accessor<'a> {
     /// One that remembers nothing yet.
     pub(super) fn new(field: &'a LightField) -> Accessor<'a> {
-        Accessor { field, last: [const { None }; REMEMBERED], lookups: 0 }
+        let LightField { scene, texels, total, .. } = field;
+        Accessor {
+            field,
+            texture: Texture { scene, texels, total },
+            directions: [NO_DIRECTION; REMEMBERED],
+            maps: [const { None }; REMEMBERED],
+            used: [0; REMEMBERED],
+            lookups: 0,
+        }
     }
 
     /// As [`LightField::radiance`].
@@ -80,21 +89,16 @@ impl<'a> Accessor<'a> {
 
     /// Where a direction's map is remembered, read if it was not.
     fn place(&mut self, direction: u32) -> Result<usize, FormatError> {
-        let is_it =
-            |slot: &Option<Remembered>| slot.as_ref().is_some_and(|map| map.direction == direction);
-        let place = match self.last.iter().position(is_it) {
+        let place = match self.directions.iter().position(|known| *known == direction) {
             Some(place) => place,
             None => {
-                let map = self.field.map(direction)?;
-                let age = |place: &usize| self.last[*place].as_ref().map_or(0, |map| map.used);
-                let oldest = (0..REMEMBERED).min_by_key(age).unwrap_or(0);
-                self.last[oldest] = Some(Remembered { direction, map, used: 0 });
+                let map = self.field.held(direction)?;
+                let oldest = (0..REMEMBERED).min_by_key(|place| self.used[*place]).unwrap_or(0);
+                (self.directions[oldest], self.maps[oldest]) = (direction, Some(map));
                 oldest
             }
         };
-        if let Some(map) = &mut self.last[place] {
-            map.used = self.lookups;
-        }
+        self.used[place] = self.lookups;
         Ok(place)
     }
 
@@ -116,9 +120,12 @@ impl<'a> Accessor<'a> {
                 *place = Some(self.place(near.direction.0)?);
             }
         }
-        let tiles = |place: usize| self.last[place].as_ref().map(|found| found.map.tiles());
-        let maps = places.map(|place| place.and_then(tiles));
-        Ok(around.radiance(&maps, surface, point))
+        Ok(around.blend(point, |k| {
+            let map = self.maps[places[k]?].as_ref()?;
+            let lookup = Lookup::new(map.tiles(), surface, around.near[k].sense);
+            let (psf, texture) = (&around.psfs[k], &self.texture);
+            Some(Shown { lookup, map, psf, texture, under: None })
+        }))
     }
 
     /// For mirrors thinner than a cell: the first that is found in ever wider circles of directions.
@@ -142,5 +149,38 @@ impl<'a> Accessor<'a> {
             }
         }
         Ok(Rgb::BLACK)
+    }
+}
+
+/// Cells of a surface as a map has them, or as the texture map has them that it leaves them to.
+struct Shown<'a> {
+    lookup: Lookup<'a>,
+    map: &'a Map,
+    psf: &'a Psf,
+    texture: &'a Texture<'a>,
+    /// The surface's lattice under the cells, once it was needed.
+    under: Option<Under<'a>>,
+}
+
+impl Cells for Shown<'_> {
+    #[inline]
+    fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
+        let (seen, inside) = self.lookup.seen(i, j)?;
+        let stored = seen.radiance(inside)?;
+        match seen.is_textured() {
+            false => Some(stored),
+            true => self.textured(Cell { i: i as u32, j: j as u32 }),
+        }
+    }
+}
+
+impl Shown<'_> {
+    #[inline(never)]
+    fn textured(&mut self, cell: Cell) -> Option<Rgb> {
+        let (surface, sense) = self.lookup.of();
+        if self.under.is_none() {
+            self.under = self.texture.under(self.psf, surface);
+        }
+        Some(self.texture.value(self.under.as_ref()?, sense, cell, self.map.exponent()))
     }
 }

@@ -21,6 +21,8 @@ pub struct Comparison {
     pub relmse: f64,
     /// The same without the worst 0.1 % of pixels, which a few edges cannot rule.
     pub relmse_trimmed: f64,
+    /// The root of the largest pixel's `(a - b)^2 / (b^2 + e)`, the mean over its channels.
+    pub worst: f64,
     /// relMSE of the means of 8 x 8 blocks: noise averages out, a systematic error stays. `None` for
     /// pictures smaller than one block.
     pub block8: Option<f64>,
@@ -83,6 +85,7 @@ pub fn compare(test: &Picture, reference: &Picture) -> Result<Comparison, Compar
         rmse: (squares / (3 * count) as f64).sqrt(),
         relmse,
         relmse_trimmed: per_pixel[..kept].iter().sum::<f64>() / kept as f64,
+        worst: per_pixel.last().copied().unwrap_or_default().sqrt(),
         block8: block8(&a, &b, width, height, eps),
         eps,
         ratio: mean_a.iter().sum::<f64>() / mean_b.iter().sum::<f64>(),
@@ -96,6 +99,7 @@ impl fmt::Display for Comparison {
         let [r, g, b] = self.ratio_rgb;
         write!(f, "RMSE {:.6} relMSE {:.6}", Short(self.rmse), Short(self.relmse))?;
         write!(f, " (without the worst 0.1 % {:.6})", Short(self.relmse_trimmed))?;
+        write!(f, " worst pixel {:.6}", Short(self.worst))?;
         if let Some(block8) = self.block8 {
             write!(f, " block8 {:.6}", Short(block8))?;
         }

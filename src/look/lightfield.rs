@@ -290,11 +290,17 @@ impl LightField {
         LightField { maps: Maps::new(bytes), ..self }
     }
 
-    /// The total radiance map of a direction, verified.
+    /// The total radiance map of a direction, verified, with every value in place.
     ///
     /// # Errors
     /// When it is missing or damaged.
     pub fn map(&self, direction: u32) -> Result<Arc<Map>, FormatError> {
+        let filled = self.filled(direction, self.held(direction)?);
+        filled.map_err(|fault| fault.in_file(format!("direction {direction}")))
+    }
+
+    /// The same as it is held: a pack's may leave values to the texture map.
+    pub(super) fn held(&self, direction: u32) -> Result<Arc<Map>, FormatError> {
         self.maps.get(direction, || self.load(direction))
     }
 

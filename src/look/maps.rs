@@ -36,10 +36,12 @@ pub(super) enum Source {
     },
 }
 
-/// A direction's map, checked, with every value in place.
+/// A direction's map, checked. One that a pack holds may leave values to the texture map; as it is
+/// looked up, so it is held, which takes a fraction of the memory and of the time.
 pub struct Map {
     bytes: Bytes,
     layout: Layout,
+    exponent: i32,
 }
 
 enum Bytes {
@@ -55,6 +57,11 @@ impl Map {
             Bytes::Decoded(bytes) => bytes,
         };
         TileMap::new(bytes, &self.layout)
+    }
+
+    /// Its radiance is multiplied by two to this power.
+    pub(super) fn exponent(&self) -> i32 {
+        self.exponent
     }
 }
 
@@ -116,6 +123,21 @@ impl Maps {
 }
 
 impl LightField {
+    /// A map with every value in place.
+    pub(super) fn filled(&self, direction: u32, map: Arc<Map>) -> Result<Arc<Map>, Fault> {
+        if !map.layout.is_textured() {
+            return Ok(map);
+        }
+        let LightField { scene, texels, total, manifest, .. } = self;
+        let resolution = manifest.parameters.resolution;
+        let psf = Psf::new(self.directions.vector(DirectionId(direction)), resolution);
+        let texture = Texture { scene, texels, total };
+        let bytes = textured::filled(&map.tiles(), &psf, map.exponent, &texture)?;
+        let (tile, surfaces) = (manifest.parameters.tile, scene.surfaces.len() as u32);
+        let layout = Layout::check(&bytes, resolution, tile, surfaces, map.exponent)?;
+        Ok(Arc::new(Map { layout, bytes: Bytes::Decoded(bytes), exponent: map.exponent }))
+    }
+
     /// Reads a direction's map.
     pub(super) fn load(&self, direction: u32) -> Result<Map, FormatError> {
         match &self.source {
@@ -142,23 +164,18 @@ impl LightField {
     ) -> Result<Map, Fault> {
         let entry = &directory.entries[places[direction as usize]];
         let Header { resolution, tile, surfaces, exponent, .. } = directory.header;
-        let check =
-            |bytes: &[u8]| Layout::check_packed(bytes, (resolution, tile), surfaces, exponent);
         let bytes = file.chunk(directory, entry)?;
-        let layout = check(&bytes)?;
+        let layout = Layout::check_packed(&bytes, (resolution, tile), surfaces, exponent)?;
         if layout.is_textured() {
-            let LightField { scene, texels, total, .. } = self;
             let psf = Psf::new(self.directions.vector(DirectionId(direction)), resolution);
-            let texture = Texture { scene, texels, total };
-            let bytes = textured::filled(&TileMap::new(&bytes, &layout), &psf, exponent, &texture)?;
-            return Ok(Map { layout: check(&bytes)?, bytes: Bytes::Decoded(bytes) });
+            textured::check(&TileMap::new(&bytes, &layout), &psf, &self.scene)?;
         }
         let from = entry.offset as usize;
         let bytes = match bytes {
             Cow::Borrowed(bytes) => Bytes::Mapped(file.clone(), from..from + bytes.len()),
             Cow::Owned(bytes) => Bytes::Decoded(bytes),
         };
-        Ok(Map { bytes, layout })
+        Ok(Map { bytes, layout, exponent })
     }
 
     fn load_file(
@@ -178,6 +195,6 @@ impl LightField {
         let Header { resolution, tile, surfaces, exponent, .. } = *header;
         let layout = Layout::check(&bytes, resolution, tile, surfaces, exponent)
             .map_err(|f| f.in_file(&name))?;
-        Ok(Map { layout, bytes: Bytes::Decoded(bytes) })
+        Ok(Map { layout, exponent, bytes: Bytes::Decoded(bytes) })
     }
 }

@@ -5,34 +5,47 @@ use crate::ids::SurfaceId;
 use crate::psf::Psf;
 use crate::textured::Texture;
 use serde::Serialize;
+use std::borrow::Cow;
 
 /// The smallest f16 with full precision; what is darker is measured against it.
 const DIMMEST: f32 = 6.103_515_6e-5;
 
+/// What a pack keeps of a map.
+pub struct Reduced<'a> {
+    /// Bytes of the map that is kept.
+    pub map: Cow<'a, [u8]>,
+    /// Bits of the values that its textured slots leave to the texture map, three f16 a covered cell, slot
+    /// by slot.
+    pub left: Vec<u16>,
+}
+
 /// A map with values off by at most `max_error`, see [`Deviation`]. Surfaces for which `keep` is false
 /// are left out.
-pub fn reduced(
+pub fn reduced<'a>(
     map: &TileMap,
     (psf, exponent): (&Psf, i32),
     texture: &Texture,
     keep: impl Fn(SurfaceId) -> bool,
     max_error: f32,
-) -> Vec<u8> {
-    let step = step(max_error);
-    tiles::rewritten(map, keep, |slot, rgb| {
+) -> Reduced<'a> {
+    let (step, within) = (step(max_error), within(max_error));
+    let mut left = Vec::new();
+    let map = tiles::rewritten(map, keep, |slot, rgb| {
         if !matches!(slot.state, DATA | CONSTANT) {
             return slot.state;
         }
-        let at = rgb.len();
         let is_near = |found: &[u16]| {
-            let found = found.as_chunks().0.iter();
-            slot.values().zip(found).all(|(true_, found)| error(true_, *found) <= max_error)
+            slot.differs_by(found).is_some_and(|bits| bits <= within) || {
+                let found = found.as_chunks().0.iter();
+                slot.values().zip(found).all(|(true_, found)| error(true_, *found) <= max_error)
+            }
         };
-        if texture.values(psf, slot, exponent, rgb) && is_near(&rgb[at..]) {
-            rgb.truncate(at);
+        let before = left.len();
+        if texture.values(psf, slot, exponent, &mut left) && is_near(&left[before..]) {
             return TEXTURED;
         }
-        rgb.truncate(at);
+        left.truncate(before);
+        let at = rgb.len();
         slot.copy(rgb);
         rgb[at..].iter_mut().for_each(|bits| *bits = rounded(*bits, step));
         if !is_near(&rgb[at..]) {
@@ -40,7 +53,8 @@ pub fn reduced(
             slot.copy(rgb);
         }
         slot.state
-    })
+    });
+    Reduced { map: map.into(), left }
 }
 
 /// A map without the surfaces for which `keep` is false.
@@ -55,6 +69,12 @@ pub fn kept(map: &TileMap, keep: impl Fn(SurfaceId) -> bool) -> Vec<u8> {
 /// multiples of this keeps a value's relative error within `max_error`.
 fn step(max_error: f32) -> u16 {
     ((2048.0 * max_error / (1.0 + max_error)) as u16).max(1)
+}
+
+/// How far all bits may be off so that no value can be off by more than `max_error`, however it is
+/// rounded. Values that are off by more may do as well, where another channel is brighter.
+fn within(max_error: f32) -> u16 {
+    (1023.0 * max_error / (1.0 + max_error)) as u16
 }
 
 /// The nearest multiple of `step` that is finite.
@@ -102,24 +122,35 @@ pub struct Place {
 }
 
 impl Deviation {
-    /// Of a map that has every value in place, against the true one; `keep` as it was packed with. `None`
+    /// Of a map, against the true one; `keep` and `left` as it was packed with, see [`Reduced`]. `None`
     /// when they have other cells.
     pub fn of(
         direction: u32,
         (true_, found): (&TileMap, &TileMap),
+        mut left: &[u16],
         keep: impl Fn(SurfaceId) -> bool,
     ) -> Option<Deviation> {
         let mut deviation = Deviation::default();
         let mut found = found.slots();
         for slot in true_.slots().filter(|slot| keep(slot.surface)) {
             let other = found.next().filter(|other| other.is_same_place(&slot))?;
-            if slot.is_stored_alike(&other) {
-                deviation.cells += u64::from(slot.covered_count());
+            let cells = slot.covered_count();
+            deviation.cells += u64::from(cells);
+            let of_slot;
+            (of_slot, left) = match other.state {
+                TEXTURED => left.split_at_checked(3 * cells as usize)?,
+                _ => left.split_at(0),
+            };
+            let is_same = match other.state {
+                TEXTURED => slot.differs_by(of_slot) == Some(0),
+                _ => slot.is_stored_alike(&other),
+            };
+            if is_same {
                 continue;
             }
-            for (value, packed) in slot.values().zip(other.values()) {
+            let packed = { of_slot.as_chunks().0.iter().copied() }.chain(other.values());
+            for (value, packed) in slot.values().zip(packed) {
                 let off = error(value, packed);
-                deviation.cells += 1;
                 deviation.sum += f64::from(off);
                 if off > deviation.worst {
                     let m = true_.tile_edge();
@@ -130,7 +161,7 @@ impl Deviation {
                 }
             }
         }
-        found.next().is_none().then_some(deviation)
+        (found.next().is_none() && left.is_empty()).then_some(deviation)
     }
 
     /// Takes another map's in.

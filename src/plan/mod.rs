@@ -68,6 +68,8 @@ pub struct Bytes {
     pub peak: u64,
     /// Of all files that the bake writes, most of which it removes again.
     pub written: u64,
+    /// The field packed as `vlf-pack` does it unless it is told otherwise.
+    pub packed: u64,
     /// The field packed without compression.
     pub packed_raw: u64,
     /// The field packed with zstd.

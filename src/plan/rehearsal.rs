@@ -12,9 +12,13 @@ use crate::field::{FieldError, files, read_manifest};
 use crate::format::container::{ChunkKind, Codec, FileKind, NO_DIRECTION, encode};
 use crate::format::manifest::{Manifest, Parameters, Phase};
 use crate::format::names;
-use crate::format::tiles::{Layout, TileMap};
+use crate::format::tiles::{self, DARK, Layout, TileMap};
+use crate::ids::{DirectionId, SurfaceId};
+use crate::pack::usual_size;
+use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::texels;
+use crate::textured::Texture;
 use std::collections::BTreeMap;
 use std::io;
 use std::ops::Sub;
@@ -48,8 +52,9 @@ pub struct Rehearsal {
     pub scene: (u64, [u64; 2]),
     /// Mean bytes of a direction's maps by generation, the first one's at 0.
     pub generations: Vec<Generation>,
-    /// By what compression divides the bytes of total texture maps, and of total radiance maps.
-    pub ratios: [f64; 2],
+    /// By what compression divides the bytes of total texture maps, of total radiance maps, and of
+    /// mirrors' values among them in a usual pack.
+    pub ratios: [f64; 3],
     threads: u32,
     marks: Marks,
 }
@@ -300,11 +305,34 @@ impl Rehearsal {
         let textures = chunk(&name, FileKind::Textures, ChunkKind::TotalTexture, NO_DIRECTION)?;
         let in_file = |f: crate::format::Fault| FieldError::from(f.in_file(&name));
         let total = texels::from_bytes(&textures, 2 * shared.texels.len()).map_err(in_file)?;
+        let Shared { scene: of, texels, exponent, .. } = *shared;
+        let texture = Texture { scene: of, texels, total: &total };
+        let few = Directions::with_lines(lines);
+        let few = few.as_ref().unwrap_or(shared.directions);
+        let is_mirror = |id: SurfaceId| of.material_of(id).reflectance.is_mirror();
+        let Parameters { resolution, tile, .. } = *shared.parameters;
         let (mut raw, mut packed) = (0, 0);
+        // Mirrors' values alone, if there are any, and what they take in a usual pack.
+        let (mut values, mut usual) = (0, 0);
         for direction in 0..lines {
             let name = names::tile_file(names::TOTAL, direction);
             let map = chunk(&name, FileKind::Tiles, ChunkKind::Total, direction)?;
             (raw, packed) = (raw + map.len() as u64, packed + zstd(&map)?);
+            if !shared.parameters.totals_from_store() {
+                continue;
+            }
+            let psf = Psf::new(few.vector(DirectionId(direction)), resolution);
+            let size = |map: &[u8]| {
+                let layout =
+                    Layout::check(map, resolution, tile, of.surfaces.len() as u32, exponent);
+                let layout = layout.map_err(|f| FieldError::from(f.in_file(&name)))?;
+                let tiles = TileMap::new(map, &layout);
+                let dark = tiles::rewritten(&tiles, is_mirror, |_, _| DARK);
+                usual_size(&tiles, (&psf, exponent), &texture, is_mirror).map(|size| (size, dark))
+            };
+            let ((bytes, count), dark) = size(&map)?;
+            let ((tables, _), _) = size(&dark)?;
+            (usual, values) = (usual + bytes.saturating_sub(tables), values + 6 * count);
         }
         let ratio = |raw: u64, packed: u64| packed as f64 / raw.max(1) as f64;
         let stored = files::read(storage, names::SCENE)?.len() as u64;
@@ -313,7 +341,11 @@ impl Rehearsal {
             total,
             scene: (stored, [scene.len() as u64, zstd(&scene)?]),
             generations,
-            ratios: [ratio(textures.len() as u64, zstd(&textures)?), ratio(raw, packed)],
+            ratios: [
+                ratio(textures.len() as u64, zstd(&textures)?),
+                ratio(raw, packed),
+                ratio(values, usual),
+            ],
             threads,
             marks,
             manifest,

@@ -11,9 +11,15 @@ use crate::bake::totals::{self, Mirrors};
 use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::format::container::{ALIGN, Codec, encode, length};
+use crate::format::manifest::Parameters;
+use crate::format::tiles::{Layout, TileMap};
 use crate::ids::DirectionId;
+use crate::pack::usual_size;
 use crate::paths::{MAX_DEPTH, Paths};
 use crate::psf::Psf;
+use crate::radiance::Rgb;
+use crate::scene::texels::Texels;
+use crate::textured::Texture;
 use crate::visible::Visible;
 use rayon::prelude::*;
 use std::path::Path;
@@ -27,10 +33,10 @@ pub struct Sample {
     pub count: u32,
     /// Fragments of a line, divided by those of a line of the rehearsal.
     pub fragments: f64,
-    /// Mean bytes of a direction's file of total maps, and in a pack without and with compression.
+    /// Mean bytes of a direction's file of total maps.
     pub file: f64,
-    /// In a pack, without and with compression.
-    pub packed: [f64; 2],
+    /// In a pack, without compression, with zstd, and as it is packed usually.
+    pub packed: [f64; 3],
     /// Most of any direction.
     pub most: Extent,
     /// Most bytes of a total map.
@@ -44,6 +50,7 @@ struct Look {
     extent: Extent,
     raw: u64,
     zstd: u64,
+    usual: u64,
 }
 
 impl Sample {
@@ -74,13 +81,24 @@ impl Sample {
         let mirrors = visible.as_ref().map_or(Mirrors::None, |visible| {
             Mirrors::Traced(Paths { scene: shared.scene, visible, max_depth: MAX_DEPTH })
         });
+        let Shared { scene, texels, exponent, .. } = *shared;
+        let Parameters { resolution, tile, .. } = *shared.parameters;
+        let surfaces = scene.surfaces.len() as u32;
+        let part = f64::from(rehearsal.lines) / f64::from(shared.parameters.directions);
+        let calm = calmed(texels, &rehearsal.total, part.sqrt() as f32);
+        let texture = Texture { scene, texels, total: &calm };
         let look = |scratch: &mut (Layers, totals::Scratch), id: DirectionId| {
             let extent = extent(shared, id, &mut scratch.0);
-            let total = (rehearsal.total.as_slice(), lit.as_slice());
+            let total = (calm.as_slice(), lit.as_slice());
             let map = totals::total_map(shared, id, total, (mirrors, &sealed), &mut scratch.1);
             let failed = FieldError::io("encode", Path::new("total map"));
             let zstd = encode(Codec::Zstd, &map).map_err(failed)?.len() as u64;
-            Ok(Look { extent, raw: map.len() as u64, zstd })
+            let layout = Layout::check(&map, resolution, tile, surfaces, exponent);
+            let layout = layout.map_err(|fault| fault.in_file("total map"))?;
+            let psf = Psf::new(shared.directions.vector(id), resolution);
+            let tiles = TileMap::new(&map, &layout);
+            let (usual, _) = usual_size(&tiles, (&psf, exponent), &texture, |_| true)?;
+            Ok(Look { extent, raw: map.len() as u64, zstd, usual })
         };
         let looks = pool.install(|| {
             let looks = chosen.into_par_iter().map_init(Default::default, look);
@@ -127,13 +145,18 @@ impl Sample {
             |l: &Look| if mirrors > 0.0 { values * more(&l.extent) / mirrors } else { 0.0 };
         let raw = |l: &Look| (l.raw + arrived(l) as u64).next_multiple_of(8);
         let zstd = |l: &Look| l.zstd + (arrived(l) * rehearsal.ratios[1]) as u64;
+        let usual = |l: &Look| l.usual + (arrived(l) * rehearsal.ratios[2]) as u64;
         let aligned = |bytes: u64| bytes.next_multiple_of(ALIGN as u64) as f64;
         Sample {
             count: looks.len() as u32,
             fragments: of_looks(&|l| l.extent.fragments as f64)
                 / of_few(&|e| e.fragments as f64).max(1.0),
             file: of_looks(&|l| length([raw(l)].into_iter()) as f64),
-            packed: [of_looks(&|l| aligned(raw(l))), of_looks(&|l| aligned(zstd(l)))],
+            packed: [
+                of_looks(&|l| aligned(raw(l))),
+                of_looks(&|l| aligned(zstd(l))),
+                of_looks(&|l| aligned(usual(l))),
+            ],
             most: looks.iter().fold(Extent::default(), |most, l| most.most(l.extent)),
             largest: looks.iter().map(raw).max().unwrap_or(0),
             generations,
@@ -152,6 +175,39 @@ fn chosen(all: usize) -> Vec<usize> {
     };
     if count == all { (0..all).collect() } else { (0..count).map(place).collect() }
 }
+
+/// A texture map of few lines with as little noise as more would leave in it: what a texel differs by
+/// from the mean around it is mostly noise, and falls with the root of the number of lines. `part` is
+/// what is left of it.
+fn calmed(texels: &Texels, total: &[Rgb], part: f32) -> Vec<Rgb> {
+    let mut calm = total.to_vec();
+    if part >= 1.0 {
+        return calm;
+    }
+    for lattice in texels.lattices.iter().filter(|lattice| lattice.first < texels.diffuse) {
+        let around = |at: u32, end: u32| at.saturating_sub(AROUND)..(at + AROUND + 1).min(end);
+        let value = |column: u32, row: u32, side: usize| {
+            2 * (lattice.first + row * lattice.width + column) as usize + side
+        };
+        for (row, column) in
+            (0..lattice.height).flat_map(|r| (0..lattice.width).map(move |c| (r, c)))
+        {
+            let (rows, columns) = (around(row, lattice.height), around(column, lattice.width));
+            let count = (rows.len() * columns.len()) as f32;
+            for side in 0..2 {
+                let of_row =
+                    |r| columns.clone().map(move |c| total[value(c, r, side)]).sum::<Rgb>();
+                let mean = rows.clone().map(of_row).sum::<Rgb>() / count;
+                let at = value(column, row, side);
+                calm[at] = mean * (1.0 - part) + total[at] * part;
+            }
+        }
+    }
+    calm
+}
+
+/// Texels to each side that a mean is taken of.
+const AROUND: u32 = 2;
 
 /// The sides of surfaces that no light can come to anywhere.
 fn sealed_sides(shared: &Shared, sealed: &Sealed) -> Vec<[bool; 2]> {

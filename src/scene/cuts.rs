@@ -39,6 +39,7 @@ impl Bits {
         Bits(vec![0; count.div_ceil(64)])
     }
 
+    #[inline]
     fn has(&self, at: u32) -> bool {
         self.0[at as usize / 64] >> (at % 64) & 1 == 1
     }
@@ -217,8 +218,8 @@ impl Cuts {
     pub fn rank(&self, texel: u32) -> Option<usize> {
         let (word, bit) = (texel as usize / 64, texel % 64);
         let bits = self.cut.0[word];
-        let below = (bits & ((1 << bit) - 1)).count_ones();
-        (bits >> bit & 1 == 1).then(|| (self.before[word] + below) as usize)
+        let below = || (bits & ((1 << bit) - 1)).count_ones();
+        (bits >> bit & 1 == 1).then(|| (self.before[word] + below()) as usize)
     }
 
     fn segments_of(&self, texel: u32) -> &[Segment] {
@@ -237,6 +238,7 @@ impl Cuts {
     }
 
     /// Whether a texel is divided, or its neighbour to the right, below, or both.
+    #[inline]
     pub fn is_near(&self, texel: u32) -> bool {
         self.near.has(texel)
     }

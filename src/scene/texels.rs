@@ -11,7 +11,7 @@ use crate::ids::{Side, SurfaceId};
 use crate::radiance::Rgb;
 use crate::scene::cuts::Cuts;
 use crate::scene::{Reflectance, Scene, Surface};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 
 /// The lattice of one surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -179,19 +179,39 @@ pub fn sample(
     point: Vec3,
 ) -> Rgb {
     let lattice = &texels.lattices[id.index()];
-    sample_at(texels, values, lattice, side, surface.coordinates(point) * lattice.density)
+    let at = surface.coordinates(point) * lattice.density;
+    sample_at(texels, values, lattice, side, (at, lattice.around(at)))
 }
 
-/// The same at a place of a lattice, in texels along `u` and `v` from the surface's origin.
-pub fn sample_at(texels: &Texels, values: &[Rgb], lattice: &Lattice, side: Side, at: Vec2) -> Rgb {
-    let (block, f) = lattice.around(at);
-    let value = |texel: u32| values[2 * texel as usize + side.index()];
-    if !texels.cuts.is_near(block[0]) {
-        let [a, b, c, d] = block.map(value);
-        let upper = a * (1.0 - f.x) + b * f.x;
-        let lower = c * (1.0 - f.x) + d * f.x;
-        return upper * (1.0 - f.y) + lower * f.y;
+/// The same at a place of a lattice, in texels along `u` and `v` from the surface's origin, with what
+/// [`Lattice::around`] says of it.
+#[inline]
+pub fn sample_at(
+    texels: &Texels,
+    values: &[Rgb],
+    lattice: &Lattice,
+    side: Side,
+    (at, (block, f)): (Vec2, ([u32; 4], Vec2)),
+) -> Rgb {
+    if texels.cuts.is_near(block[0]) {
+        return sample_near_cuts((texels, values), lattice, side, (at, (block, f)));
     }
+    // Three channels at once.
+    let value = |texel: u32| Vec3A::from_array(values[2 * texel as usize + side.index()].0);
+    let [a, b, c, d] = block.map(value);
+    let upper = a * (1.0 - f.x) + b * f.x;
+    let lower = c * (1.0 - f.x) + d * f.x;
+    Rgb((upper * (1.0 - f.y) + lower * f.y).to_array())
+}
+
+/// The same where cuts are near: texels on the far side of one have no say.
+fn sample_near_cuts(
+    (texels, values): (&Texels, &[Rgb]),
+    lattice: &Lattice,
+    side: Side,
+    (at, (block, f)): (Vec2, ([u32; 4], Vec2)),
+) -> Rgb {
+    let value = |texel: u32| values[2 * texel as usize + side.index()];
     let weights = [(1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y];
     let (mut sum, mut weight) = (Rgb::BLACK, 0.0);
     for (texel, w) in block.into_iter().zip(weights) {
@@ -217,7 +237,8 @@ impl Lattice {
 
     /// The four texels around a place, two rows of two, and how far it is from the first one's middle
     /// to the last one's.
-    fn around(&self, at: Vec2) -> ([u32; 4], Vec2) {
+    #[inline]
+    pub fn around(&self, at: Vec2) -> ([u32; 4], Vec2) {
         let last = Vec2::new((self.width - 1) as f32, (self.height - 1) as f32);
         let p = (at - 0.5).clamp(Vec2::ZERO, last);
         let (column, row) = (p.x as u32, p.y as u32);
@@ -226,6 +247,7 @@ impl Lattice {
         let texel = |c: u32, r: u32| self.first + r * self.width + c;
         let block =
             [texel(column, row), texel(right, row), texel(column, below), texel(right, below)];
-        (block, p - p.floor())
+        // The place is not negative: what is cut off is what rounding down takes.
+        (block, p - Vec2::new(column as f32, row as f32))
     }
 }

@@ -69,8 +69,7 @@ impl MirrorSender {
         if self.arrived.iter().all(Option::is_none) {
             return Some(self.emitted);
         }
-        let mut cells = [0, 1, 2].map(|k| self.arrived[k].as_ref());
-        let arrived = self.around.blend(&mut cells, point)?;
+        let arrived = self.around.blend(point, |k| self.arrived[k].as_ref())?;
         Some(arrived * self.factor + self.emitted)
     }
 }

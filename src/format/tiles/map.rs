@@ -7,7 +7,7 @@
     reason = "the layout was checked with the bytes; Rust's own bounds are behind that"
 )]
 
-use super::{CONSTANT, DATA, FIRST_AT, Layout};
+use super::{CONSTANT, DATA, FIRST_AT, Layout, TEXTURED};
 use crate::format::bytes::{u16_at, u32_at, u64_at};
 use crate::ids::{Cell, Sense, SurfaceId};
 use crate::radiance::Rgb;
@@ -84,6 +84,7 @@ impl<'a> TileMap<'a> {
     }
 
     /// A surface in the tile that holds a cell; binary search over the tile's surfaces (section 6).
+    #[inline]
     pub fn entry(&self, cell: Cell, surface: SurfaceId) -> Option<TileEntry<'a>> {
         let Layout { n, m, .. } = *self.layout;
         let tile = (cell.j / m * n + cell.i / m) as usize;
@@ -160,12 +161,13 @@ impl TileEntry<'_> {
 
 impl<'a> TileEntry<'a> {
     /// What it shows in one sense, its tables looked up.
+    #[inline]
     pub fn seen(&self, sense: Sense) -> Seen<'a> {
         let slot = 2 * self.entry + sense.slot();
         let Layout { rgb_at, scale, .. } = *self.map.layout;
         let state = self.map.state(slot);
         let values = &self.map.bytes[rgb_at + 6 * self.map.value(slot) as usize..];
-        Seen { mask: self.map.mask(self.entry), state, values, scale }
+        Seen { mask: self.map.mask(self.entry), state, values, scale, counted: (0, 0) }
     }
 }
 
@@ -177,13 +179,32 @@ pub struct Seen<'a> {
     /// From its first value on.
     values: &'a [u8],
     scale: f32,
+    /// A word of the mask and how many cells are covered before it: neighbours need the same.
+    counted: (usize, u32),
 }
 
 impl Seen<'_> {
+    /// Whether its covered cells have what the texture map says; here they are black.
+    #[inline]
+    pub fn is_textured(&self) -> bool {
+        self.state == TEXTURED
+    }
+
+    /// How many cells are covered before a word of the mask.
+    #[inline]
+    fn before(&mut self, word: usize) -> u32 {
+        if self.counted.0 != word {
+            let (from, count) = if self.counted.0 < word { self.counted } else { (0, 0) };
+            let more: u32 = (from..word).map(|w| u64_at(self.mask, w).count_ones()).sum();
+            self.counted = (word, count + more);
+        }
+        self.counted.1
+    }
+
     /// Radiance at the cell of a row-by-row index inside the tile, or `None` where the surface does not
     /// cover it.
     #[inline]
-    pub fn radiance(&self, inside: u32) -> Option<Rgb> {
+    pub fn radiance(&mut self, inside: u32) -> Option<Rgb> {
         let index = inside as usize;
         let word = u64_at(self.mask, index / 64);
         if word >> (index % 64) & 1 == 0 {
@@ -191,9 +212,9 @@ impl Seen<'_> {
         }
         match self.state {
             DATA => {
-                let before: u32 = (0..index / 64).map(|w| u64_at(self.mask, w).count_ones()).sum();
                 let below = word & ((1u64 << (index % 64)) - 1);
-                Some(rgb_of(self.values, (before + below.count_ones()) as usize, self.scale))
+                let rank = self.before(index / 64) + below.count_ones();
+                Some(rgb_of(self.values, rank as usize, self.scale))
             }
             CONSTANT => Some(rgb_of(self.values, 0, self.scale)),
             _ => Some(Rgb::BLACK),
@@ -206,5 +227,6 @@ impl Seen<'_> {
 fn rgb_of(values: &[u8], number: usize, scale: f32) -> Rgb {
     let h = &values[6 * number..6 * number + 6];
     // Both products are exact; in one, 2^112 and the scale could overflow.
-    Rgb([0, 1, 2].map(|c| half_to_f32(u16_at(h, c)) * scale))
+    let channel = |c| half_to_f32(u16_at(h, c)) * scale;
+    Rgb([channel(0), channel(1), channel(2)])
 }

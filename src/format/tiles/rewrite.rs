@@ -31,13 +31,19 @@ pub struct Slot<'a> {
 
 impl Slot<'_> {
     /// Calls `visit` with every covered cell, in order.
+    #[inline]
     pub fn covered(&self, mut visit: impl FnMut(Cell)) {
+        let Cell { i, mut j } = self.origin;
+        // First cell of the row: what is next to it is found without a division.
+        let mut row = 0;
         for word in 0..self.mask.len() / 8 {
             let mut bits = u64_at(self.mask, word);
             while bits != 0 {
                 let inside = word as u32 * 64 + bits.trailing_zeros();
-                let Cell { i, j } = self.origin;
-                visit(Cell { i: i + inside % self.m, j: j + inside / self.m });
+                while inside - row >= self.m {
+                    (row, j) = (row + self.m, j + 1);
+                }
+                visit(Cell { i: i + inside - row, j });
                 bits &= bits - 1;
             }
         }
@@ -55,6 +61,7 @@ impl Slot<'_> {
     }
 
     /// Bits of the value of each covered cell, in order, of slots that are not textured.
+    #[inline]
     pub fn values(&self) -> impl Iterator<Item = [u16; 3]> {
         const BLACK: [u8; 6] = [0; 6];
         let (values, step) = match self.state {
@@ -69,6 +76,14 @@ impl Slot<'_> {
     /// Whether another slot of the same cells has the same values, stored alike.
     pub fn is_stored_alike(&self, other: &Slot) -> bool {
         (self.state, self.rgb) == (other.state, other.rgb)
+    }
+
+    /// By how much the bits of its values differ at most from others, three for each covered cell; `None`
+    /// when it does not store as many.
+    pub fn differs_by(&self, bits: &[u16]) -> Option<u16> {
+        let own = self.rgb.as_chunks().0;
+        let differences = own.iter().zip(bits).map(|(a, b)| u16::from_le_bytes(*a).abs_diff(*b));
+        (own.len() == bits.len()).then(|| differences.fold(0, u16::max))
     }
 
     /// Appends the bits of its values as they are.
@@ -92,20 +107,17 @@ impl<'a> TileMap<'a> {
     }
 
     fn slots_of(&self, tile: u32, entry: usize) -> [Slot<'a>; 2] {
-        let Layout { n, m, rgb_at, .. } = *self.layout;
+        let Layout { n, m, rgb_at, entries, values, .. } = *self.layout;
         let origin = Cell { i: tile % n * m, j: tile / n * m };
+        let (surface, mask) = (SurfaceId(self.surface(entry)), self.mask(entry));
         [Sense::Along, Sense::Against].map(|sense| {
             let number = 2 * entry + sense.slot();
-            let (surface, mask) = (SurfaceId(self.surface(entry)), self.mask(entry));
+            // Each slot's values end where the next one's begin.
+            let next = number + 1;
+            let end = if next < 2 * entries { self.value(next) as usize } else { values };
+            let rgb = rgb_at + 6 * self.value(number) as usize..rgb_at + 6 * end;
             let state = self.state(number);
-            let slot = Slot { surface, sense, origin, state, m, mask, rgb: &[] };
-            let values = match state {
-                DATA => slot.covered_count() as usize,
-                CONSTANT => 1,
-                _ => 0,
-            };
-            let at = rgb_at + 6 * self.value(number) as usize;
-            Slot { rgb: &self.bytes[at..at + 6 * values], ..slot }
+            Slot { surface, sense, origin, state, m, mask, rgb: &self.bytes[rgb] }
         })
     }
 }

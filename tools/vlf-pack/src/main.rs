@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use vlf::field::storage::disk::Disk;
 use vlf::format::container::Codec;
 use vlf::format::limits::Limits;
-use vlf::pack::{Diffuse, MOST_ERROR, Options, PackReport, Section, pack_from};
+use vlf::pack::{Diffuse, MOST_ERROR, Options, PackReport, Section, USUAL_ERROR, pack_from};
 
 /// Strips a finished field of what only baking needs and writes it as one file.
 ///
@@ -28,7 +28,7 @@ struct Cli {
     codec: CodecName,
     /// How far the radiance of a cell may be off, relative to its brightest channel: 0 to 0.25. 0 loses
     /// nothing; nor does `--codec raw`, whatever this says
-    #[arg(long, value_name = "E", default_value_t = 0.002, value_parser = error)]
+    #[arg(long, value_name = "E", default_value_t = USUAL_ERROR, value_parser = error)]
     max_error: f32,
     /// What becomes of diffuse surfaces' maps: with `texture` they are left out, since they are a
     /// resampling of the texture maps, and lookup goes there
