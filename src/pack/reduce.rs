@@ -178,3 +178,21 @@ impl Deviation {
         self.sum / self.cells.max(1) as f64
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_that_are_within_reach_keep_every_value_within_the_error() {
+        for max_error in [0.0, 0.002, 0.01, 0.1, 0.25] {
+            let within = within(max_error);
+            assert!(f32::from(within) >= 900.0 * max_error / (1.0 + max_error) - 1.0);
+            for bits in within..0x7c00 - within {
+                for other in [bits - within, bits + within] {
+                    assert!(error([bits; 3], [other; 3]) <= max_error, "{bits:#x} {other:#x}");
+                }
+            }
+        }
+    }
+}
