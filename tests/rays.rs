@@ -67,7 +67,7 @@ fn whoever_sees_is_seen_from_either_end_of_every_ray() {
         let (mut pairs, mut edges, mut wrong) = (0, 0, Vec::new());
         for k in 0..12u32 {
             // Grids turned and moved a little: no ray runs along an edge on purpose.
-            let psf = perturb::psf(&directions, DirectionId(k * 11 % 129), (k + 1, true), n);
+            let psf = perturb::psf(&directions, DirectionId(k * 11 % 129), k + 1, n);
             let there = exchange(&scene, &psf);
             let back = exchange(&scene, &reversed(&psf));
             for (at, sees) in there.iter().enumerate() {
@@ -128,7 +128,7 @@ fn a_closed_box_touches_a_bare_floor_from_either_end() {
         sees.keys().filter(|s| down(s)).count()
     };
     for k in 0..129 {
-        let psf = perturb::psf(&directions, DirectionId(k), (3, true), 32);
+        let psf = perturb::psf(&directions, DirectionId(k), 3, 32);
         for sees in exchange(&scene, &psf).iter().chain(&exchange(&scene, &reversed(&psf))) {
             assert_eq!(bottom(sees), 0, "the box's bottom looks at something: {sees:?}");
         }

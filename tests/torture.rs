@@ -204,10 +204,8 @@ fn light_fields_are_not_darkened_beside_what_hides_dark_places() {
 #[test]
 fn turning_the_room_keeps_its_light() {
     let materials = ["wall", "floor_a", "floor_b", "solid", "solid_b", "table", "blade"];
-    // The floor's squares are a few cells: with four grids their light scatters by 2 %.
-    let parameters = Parameters { perturbations: vec![32, 4], ..small() };
     let means = |scene: &Scene| {
-        let field = Baked::new(scene, &parameters).open();
+        let field = Baked::new(scene, &small()).open();
         materials.map(|m| common::mean_radiance(&field, m))
     };
     let straight = means(&scene("torture"));

@@ -1,9 +1,7 @@
 //! Perturbation (section 5): more directions for diffuse receivers than the field stores.
 //!
 //! In: a direction and the number of the perturbation. Out: a PSF turned inside the direction's own
-//! solid angle, its grid moved inside a cell. Perturbation 0 is not turned; where nothing is stored for
-//! its cells its grid is moved all the same, or else texels near the scene's middle would meet the grids of
-//! all directions alike. The offsets are the
+//! solid angle, its grid moved inside a cell. Perturbation 0 is the true PSF. The offsets are the
 //! additive recurrence in four dimensions (Roberts 2018, "The unreasonable effectiveness of
 //! quasirandom sequences"): deterministic, even for any count. All directions turn by the same
 //! offset, so that each perturbation is the whole lattice moved.
@@ -21,14 +19,9 @@ const STEP: DVec4 = DVec4::new(
     0.538_597_257_223_610_1,
 );
 
-/// The PSF of a direction under perturbation `number`; with `is_stored`, number 0 is the field's own.
-pub fn psf(
-    directions: &Directions,
-    id: DirectionId,
-    (number, is_stored): (u32, bool),
-    resolution: u32,
-) -> Psf {
-    if number == 0 && is_stored {
+/// The PSF of a direction under perturbation `number`.
+pub fn psf(directions: &Directions, id: DirectionId, number: u32, resolution: u32) -> Psf {
+    if number == 0 {
         return Psf::new(directions.vector(id), resolution);
     }
     let centred = |v: DVec4| v - v.round();
@@ -49,10 +42,9 @@ mod tests {
         let directions = Directions::with_lines(129).unwrap();
         for id in (0..129).map(DirectionId) {
             let own = directions.vector(id);
-            let plain = psf(&directions, id, (0, true), 64);
+            let plain = psf(&directions, id, 0, 64);
             assert_eq!(plain, Psf::new(own, 64));
-            let all: Vec<Psf> = (0..16).map(|n| psf(&directions, id, (n, false), 64)).collect();
-            assert_eq!(all[0].direction, own);
+            let all: Vec<Psf> = (0..16).map(|n| psf(&directions, id, n, 64)).collect();
             for (n, p) in all.iter().enumerate() {
                 assert!((p.direction.length() - 1.0).abs() < 1e-5);
                 // 129 lines are about 13 degrees apart.

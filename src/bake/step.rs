@@ -206,10 +206,8 @@ pub fn shoot(
         return Ok(made);
     }
     let colour = shared.directions.colour(id, cycle.thinned);
-    let is_stored = shared.stores_mirrors();
     for number in cycle.grids.clone() {
-        let resolution = shared.parameters.resolution;
-        let psf = perturb::psf(shared.directions, id, (number, is_stored), resolution);
+        let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
         let line = Line { shared, cycle, psf: &psf, half: half_of(colour, number) };
         if line.clips() {
             projections(shared.outlines, &psf, &mut scratch.projections);
@@ -228,7 +226,7 @@ pub fn shoot(
             }
         } else {
             scratch.layers.rasterise(shared.outlines, &psf);
-            let stores = number == 0 && is_stored;
+            let stores = number == 0 && shared.stores_mirrors();
             match (double, stores) {
                 (true, true) => made = Some(line.with_maps::<2, 1>(id, scratch)?),
                 (false, true) => made = Some(line.with_maps::<3, 1>(id, scratch)?),
@@ -236,7 +234,7 @@ pub fn shoot(
                 (false, false) => line.without_maps::<3, 1>(scratch),
             }
         }
-        scratch.settle(number == 0 && is_stored);
+        scratch.settle(number == 0 && shared.stores_mirrors());
         if let Some(error) = scratch.failure.take() {
             return Err(error);
         }
