@@ -122,7 +122,7 @@ pub struct Place {
 }
 
 impl Deviation {
-    /// Of a map, against the true one; `keep` and `left` as it was packed with, see [`Reduced`]. `None`
+    /// Of a map, against the true one; `keep` and `left` as it was packed with, see `Reduced`. `None`
     /// when they have other cells.
     pub fn of(
         direction: u32,
