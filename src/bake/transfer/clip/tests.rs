@@ -163,7 +163,7 @@ impl Facing {
             size: [EDGE; 2],
         };
         let values = 4 * texels as usize;
-        let light = |v: usize| ((v * 2_654_435_761) % (1 << 32)) as i64;
+        let light = |v: usize| ((v as u64 * 2_654_435_761) % (1 << 32)) as i64;
         let mut current: Vec<Fixed> =
             (0..values).map(|v| [light(v), light(v + 1), light(v + 2), i64::from(WHOLE)]).collect();
         current.push([0, 0, 0, i64::from(WHOLE)]);
