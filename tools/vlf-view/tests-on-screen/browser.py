@@ -121,7 +121,8 @@ def main(program, view, vlf, pack, work):
         address = server.stdout.readline().strip()
         if not address.startswith("http://127.0.0.1:"):
             sys.exit(f"the server says {address!r}")
-        with tempfile.TemporaryDirectory() as profile:
+        # The browser's helpers outlive it for a moment, and go on writing.
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
             browser = Browser(program, profile, address)
             try:
                 walk(browser, vlf, pack, work)
