@@ -378,7 +378,8 @@ impl<'a> Bake<'a> {
         // Of few senders, only the lines of the unperturbed PSFs are counted.
         let values = 2 * self.texels.len();
         let counted = lines * if few_send { 1.0 } else { repeats };
-        let open = open_areas(&self.areas, &all[..values], counted);
+        let is_cut = |texel| self.texels.cuts.is_cut(texel);
+        let open = open_areas(&self.areas, &all[..values], counted, is_cut);
         let next = |sums: &[Fixed], repeats: f64| {
             let struck = |value: usize| match few_send {
                 true => repeats * lines * open[value],

@@ -148,14 +148,21 @@ pub fn texture_power(values: &[Rgb], areas: &[f64]) -> f64 {
 
 /// The area of each texture value that looks at anything: a texel's area inside its surface, less what
 /// lies in contact with another surface, where no light comes or goes. That shows in the lines that
-/// struck it, of which a texel of unit area would have `lines`; numbers of lines scatter, so the
-/// geometry decides where nearly all came.
-pub fn open_areas(areas: &[f32], sums: &[Fixed], lines: f64) -> Vec<f64> {
+/// struck it, of which a texel of unit area would have `lines`. Numbers of lines scatter, the more the
+/// finer the texels; so geometry decides, except where none came and in texels that a border of such a
+/// contact may divide, `is_cut`.
+pub fn open_areas(
+    areas: &[f32],
+    sums: &[Fixed],
+    lines: f64,
+    is_cut: impl Fn(u32) -> bool,
+) -> Vec<f64> {
     const NEARLY_ALL: f64 = 0.75;
     let open = |(value, sum): (usize, &Fixed)| {
         let area = f64::from(areas[value / 2]);
         let struck = transfer::lines(sum) / lines;
-        if struck < NEARLY_ALL * area { struck } else { area }
+        let scattered = struck >= NEARLY_ALL * area || !is_cut(value as u32 / 2);
+        if struck > 0.0 && scattered { area } else { struck }
     };
     sums.iter().enumerate().map(open).collect()
 }
@@ -272,9 +279,10 @@ mod tests {
     }
 
     #[test]
-    fn only_texels_that_few_lines_struck_are_taken_to_be_covered() {
+    fn only_cut_texels_that_few_lines_struck_are_taken_to_be_covered_in_part() {
         // 10 lines a unit of area; sides with 0, 5, 8 and 12 lines.
         let sums: Vec<Fixed> = [0, 5, 8, 12].map(|n| [0, 0, 0, n * transfer::LINE]).to_vec();
-        assert_eq!(open_areas(&[1.0, 1.0], &sums, 10.0), [0.0, 0.5, 1.0, 1.0]);
+        assert_eq!(open_areas(&[1.0, 1.0], &sums, 10.0, |_| true), [0.0, 0.5, 1.0, 1.0]);
+        assert_eq!(open_areas(&[1.0, 1.0], &sums, 10.0, |_| false), [0.0, 1.0, 1.0, 1.0]);
     }
 }
