@@ -262,6 +262,12 @@ types:
         valid:
           min: 0.1
           max: 100
+      - id: refined
+        type: f8
+        valid:
+          min: 1
+          max: 64
+        doc: Most times as many texels as a fineness of 0 everywhere would give.
       - id: filter
         type: u4
         valid:
@@ -378,7 +384,7 @@ types:
         doc: The record ends with the chunk.
     instances:
       len_identity:
-        value: 83 + 4 * has_cycles + 4 * num_perturbations
+        value: 91 + 4 * has_cycles + 4 * num_perturbations
       identity_bytes:
         pos: 0
         size: len_identity
@@ -506,6 +512,11 @@ types:
             valid:
               min: 0
               max: 3.4028234663852886e38
+          - id: fineness
+            type: u1
+            valid:
+              max: 4
+            doc: Texels are 2^fineness times as many along each edge as elsewhere.
           - id: num_polygons
             type: u4
             valid:

@@ -335,6 +335,7 @@ fn parameters() -> Parameters {
         perturbations: vec![1],
         thinned: 0,
         texel_cells: 1.0,
+        refined: 1.0,
         filter: 0,
         one_sided: false,
         transfer: Transfer::Sample,
@@ -789,7 +790,8 @@ fn the_record_is_as_specified() {
         assert_eq!(r.f64(), p.unshot_fraction);
         assert_eq!(r.u64(), 1);
         assert_eq!((r.u32(), r.u32()), (p.perturbations[0], p.thinned));
-        assert_eq!((r.f64(), r.u32(), r.u8()), (p.texel_cells, p.filter, 0));
+        assert_eq!((r.f64(), r.f64()), (p.texel_cells, p.refined));
+        assert_eq!((r.u32(), r.u8()), (p.filter, 0));
         assert_eq!((r.u32(), r.u32()), (p.transfer as u32, p.specular as u32));
         assert_eq!((r.u8(), r.f64()), (0, p.target_error));
         assert_eq!(r.take(16), manifest.scene_hash);
@@ -854,6 +856,7 @@ fn the_scene_is_as_specified() {
             assert_eq!(vec3(&mut r), vector);
         }
         assert_eq!([r.f32(), r.f32()], s.extent.to_array());
+        assert_eq!(r.u8(), s.fineness);
         assert_eq!(r.u32() as usize, s.polygons.len());
         for polygon in &s.polygons {
             assert_eq!(r.u32() as usize, polygon.vertices.len());

@@ -5,7 +5,7 @@
 //! hold, and any interruption costs at most the time since the last commit.
 
 use super::ahead::{Wanted, ahead};
-use super::estimate::{Totals, estimate, grids_of_half, is_enough};
+use super::estimate::{Errors, Totals, by_surface, estimate, grids_of_half, is_enough};
 use super::layers::Outlines;
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::memory::Need;
@@ -172,6 +172,27 @@ impl<'a> Bake<'a> {
             return Ok(Outcome::Stopped);
         }
         Ok(Outcome::Finished)
+    }
+
+    /// Sends light on, and nothing else: what is wrong with each surface then; `None` when asked to stop.
+    ///
+    /// # Errors
+    /// Of any step.
+    pub fn errors(mut self) -> Result<Option<Vec<Errors>>, BakeError> {
+        while self.field.manifest().phase == Phase::Propagating {
+            // Asked first, since what is known of sealed values may be half of it then.
+            if self.options.stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            if let Walk::Stopped = self.cycle()? {
+                return Ok(None);
+            }
+        }
+        let total = self.texture(ChunkKind::TotalTexture)?;
+        let half = self.texture(ChunkKind::HalfTexture)?;
+        let areas: Vec<f64> = self.areas.iter().flat_map(|a| [f64::from(*a); 2]).collect();
+        let maps = Totals { all: &total, half: &half };
+        Ok(Some(by_surface(self.scene, self.texels, &areas, maps)))
     }
 
     fn shared(&self) -> Shared<'_> {
@@ -389,8 +410,11 @@ impl<'a> Bake<'a> {
             let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
             next_textures(self.scene, self.texels, (sums, self.quantum), lines, how)
         };
-        let half = next(half, grids_of_half(self.directions, thinned, grids));
-        Brought { next: next(all, repeats), half, open }
+        let (next, half) = self.pool.join(
+            || next(all, repeats),
+            || next(half, grids_of_half(self.directions, thinned, grids)),
+        );
+        Brought { next, half, open }
     }
 
     /// Solid angle of a share of the lines of a cycle, sr.

@@ -69,9 +69,42 @@ pub struct Totals<'a> {
     pub half: &'a [Rgb],
 }
 
+/// What is wrong with a surface: sums over the texels of its lit sides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// Which.
+    pub surface: SurfaceId,
+    /// Area of all sides.
+    pub area: f64,
+    /// Area times relative squared error that comes from the number of lines.
+    pub noise: f64,
+    /// The same that comes from the size of texels.
+    pub washed_out: f64,
+}
+
 /// The error of texture maps, weighted by `areas`, one for each value. Sides without any light count
 /// for nothing: as a rule, nobody sees them.
 pub fn estimate(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -> ErrorEstimate {
+    let surfaces = by_surface(scene, texels, areas, maps);
+    let sum = |of: fn(&Errors) -> f64| surfaces.iter().map(of).sum::<f64>();
+    let (area, noise) = (sum(|s| s.area), sum(|s| s.noise));
+    let error = noise + sum(|s| s.washed_out);
+    if area <= 0.0 {
+        return ErrorEstimate::default();
+    }
+    let part = |of: f64, all: f64| if all > 0.0 { of / all } else { 0.0 };
+    let stated = |s: &Errors| {
+        let own = s.noise + s.washed_out;
+        SurfaceError { surface: s.surface.0, relmse: part(own, s.area), part: part(own, error) }
+    };
+    let mut worst: Vec<SurfaceError> = surfaces.iter().map(stated).collect();
+    worst.sort_by(|a, b| b.part.total_cmp(&a.part).then(a.surface.cmp(&b.surface)));
+    worst.truncate(limits::WORST);
+    ErrorEstimate { relmse: error / area, noise: noise / area, worst }
+}
+
+/// The same, surface by surface; none where nothing is lit.
+pub fn by_surface(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -> Vec<Errors> {
     let sides = || {
         let diffuse = |id: &SurfaceId| !scene.material_of(*id).reflectance.is_mirror();
         let sides = scene.surface_ids().filter(diffuse).flat_map(|id| [(id, 0), (id, 1)]);
@@ -85,41 +118,21 @@ pub fn estimate(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -> 
         area += areas[value];
     }
     if light <= 0.0 {
-        return ErrorEstimate::default();
+        return Vec::new();
     }
     let epsilon = EPSILON * (light / area).powi(2);
-    let (mut noise, mut error) = (0.0, 0.0);
-    let mut surfaces: Vec<(SurfaceError, f64)> = Vec::new();
-    for (id, sheet) in sides() {
-        let own = sheet.errors(areas, maps, epsilon);
-        let sum = own.noise + own.washed_out;
-        (noise, error) = (noise + own.noise, error + sum);
-        match surfaces.last_mut().filter(|(s, _)| s.surface == id.0) {
-            Some((surface, area)) => {
-                surface.part += sum;
-                *area += own.area;
+    let mut surfaces: Vec<Errors> = Vec::new();
+    for (surface, sheet) in sides() {
+        let [area, noise, washed_out] = sheet.errors(areas, maps, epsilon);
+        match surfaces.last_mut().filter(|s| s.surface == surface) {
+            Some(s) => {
+                (s.area, s.noise) = (s.area + area, s.noise + noise);
+                s.washed_out += washed_out;
             }
-            None => {
-                surfaces.push((SurfaceError { surface: id.0, relmse: 0.0, part: sum }, own.area))
-            }
+            None => surfaces.push(Errors { surface, area, noise, washed_out }),
         }
     }
-    for (surface, area) in &mut surfaces {
-        surface.relmse = if *area > 0.0 { surface.part / *area } else { 0.0 };
-        surface.part = if error > 0.0 { surface.part / error } else { 0.0 };
-    }
-    let mut worst: Vec<SurfaceError> = surfaces.into_iter().map(|(s, _)| s).collect();
-    worst.sort_by(|a, b| b.part.total_cmp(&a.part).then(a.surface.cmp(&b.surface)));
-    worst.truncate(limits::WORST);
-    ErrorEstimate { relmse: error / area, noise: noise / area, worst }
-}
-
-/// Sums over the texels of a side: area, and area times relative squared errors.
-#[derive(Clone, Copy, Debug, Default)]
-struct Errors {
-    area: f64,
-    noise: f64,
-    washed_out: f64,
+    surfaces
 }
 
 /// One side of a lattice.
@@ -138,22 +151,23 @@ impl Sheet<'_> {
         (first..first + count).map(move |texel| 2 * texel + self.side)
     }
 
-    fn errors(self, areas: &[f64], maps: Totals, epsilon: f64) -> Errors {
-        let mut sum = Errors::default();
+    /// Sums over its texels: area, and area times squared errors by noise and by texels' size.
+    fn errors(self, areas: &[f64], maps: Totals, epsilon: f64) -> [f64; 3] {
+        let [mut area, mut noise, mut washed_out] = [0.0; 3];
         for value in self.values().filter(|v| areas[*v] > 0.0) {
             let around = self.around(value);
-            sum.area += areas[value];
+            area += areas[value];
             for channel in 0..3 {
                 let total = |v: usize| f64::from(maps.all[v].0[channel]);
                 let differs = |v: usize| f64::from(maps.half[v].0[channel]) - total(v);
                 let weight = areas[value] / (total(value).powi(2) + epsilon) / 3.0;
                 let bent = second_difference(&around, total).powi(2);
                 let noisy = second_difference(&around, differs).powi(2);
-                sum.noise += weight * LATTICE * differs(value) * smoothed(&around, differs);
-                sum.washed_out += weight * WASHED_OUT * (bent - noisy);
+                noise += weight * LATTICE * differs(value) * smoothed(&around, differs);
+                washed_out += weight * WASHED_OUT * (bent - noisy);
             }
         }
-        Errors { noise: sum.noise.max(0.0), washed_out: sum.washed_out.max(0.0), ..sum }
+        [area, noise.max(0.0), washed_out.max(0.0)]
     }
 
     /// The 3 x 3 values around one, row by row. Beyond borders and cuts stands the one itself, as if

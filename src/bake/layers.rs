@@ -540,6 +540,7 @@ mod tests {
             u: a.normalize(),
             v: b.normalize(),
             extent: Vec2::new(a.length(), b.length()),
+            fineness: 0,
             polygons: vec![Polygon {
                 vertices: vec![corner, corner + a, corner + a + b, corner + b],
             }],

@@ -149,20 +149,21 @@ pub fn texture_power(values: &[Rgb], areas: &[f64]) -> f64 {
 /// The area of each texture value that looks at anything: a texel's area inside its surface, less what
 /// lies in contact with another surface, where no light comes or goes. That shows in the lines that
 /// struck it, of which a texel of unit area would have `lines`. Numbers of lines scatter, the more the
-/// finer the texels; so geometry decides, except where none came and in texels that a border of such a
-/// contact may divide, `is_cut`.
+/// finer the texels; so geometry decides where many came, and where some came unless a border of such a
+/// contact may divide the texel, `is_cut`.
 pub fn open_areas(
     areas: &[f32],
     sums: &[Fixed],
     lines: f64,
     is_cut: impl Fn(u32) -> bool,
 ) -> Vec<f64> {
-    const NEARLY_ALL: f64 = 0.75;
+    const MANY: f64 = 0.75;
+    const SOME: f64 = 0.25;
     let open = |(value, sum): (usize, &Fixed)| {
         let area = f64::from(areas[value / 2]);
         let struck = transfer::lines(sum) / lines;
-        let scattered = struck >= NEARLY_ALL * area || !is_cut(value as u32 / 2);
-        if struck > 0.0 && scattered { area } else { struck }
+        let enough = if is_cut(value as u32 / 2) { MANY } else { SOME };
+        if struck < enough * area { struck } else { area }
     };
     sums.iter().enumerate().map(open).collect()
 }

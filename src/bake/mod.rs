@@ -2,7 +2,7 @@
 //!
 //! In: a [`Scene`] and [`Parameters`]. Out: a field directory. The stages, in the data's order:
 //! [`homes`] (which texel a point belongs to), [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels), [`reach`] (where no light can come),
-//! [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
+//! [`refine`] (how fine texels are), [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
 //! [`estimate`] (how wrong it is),
 //! [`totals`] (the last sweep), [`mend`] (what of it went bad since).
 
@@ -37,6 +37,8 @@ pub mod memory;
 pub mod cycle;
 
 pub mod quality;
+
+pub mod refine;
 
 use crate::directions::Directions;
 use crate::field::storage::Storage;
@@ -196,6 +198,11 @@ pub fn bake_in(
     options: &Options,
 ) -> Result<Outcome, BakeError> {
     let directions = checked(scene, parameters)?;
+    let Some(scene) = refine::refined(scene, parameters, options)? else {
+        return Ok(Outcome::Stopped);
+    };
+    let scene = &*scene;
+    check_texels(scene, parameters)?;
     let texels = texels(scene, parameters);
     let most = scene.materials.iter().map(|m| m.emitted.max()).fold(0.0, f32::max);
     let exponent = exponent_for(most);
@@ -240,14 +247,19 @@ pub fn checked(scene: &Scene, parameters: &Parameters) -> Result<Directions, Bak
     check(parameters)?;
     let directions = Directions::with_lines(parameters.directions)
         .ok_or_else(|| BakeError::Parameter(no_lattice(parameters.directions)))?;
-    let count = Texels::count(scene, texel_edge(parameters));
+    check_texels(scene, parameters)?;
+    Ok(directions)
+}
+
+fn check_texels(scene: &Scene, parameters: &Parameters) -> Result<(), BakeError> {
+    let count = Texels::count(scene, parameters.texel_edge());
     if count > Limits::PUBLISHED.texels {
         let most = Limits::PUBLISHED.texels;
         return Err(BakeError::Parameter(format!(
-            "the scene would have {count} texels and may have {most}: lower --resolution or raise --texel"
+            "the scene would have {count} texels and may have {most}: lower --resolution or --refine, or raise --texel"
         )));
     }
-    Ok(directions)
+    Ok(())
 }
 
 /// What a bake needs of memory, and about what it needs of the disk at its peak; refused when the
@@ -295,11 +307,7 @@ fn words(bytes: u64) -> String {
 
 /// The texels of a scene at a bake's resolution.
 pub fn texels(scene: &Scene, parameters: &Parameters) -> Texels {
-    Texels::new(scene, texel_edge(parameters))
-}
-
-fn texel_edge(parameters: &Parameters) -> f32 {
-    2.0 / parameters.resolution as f32 * parameters.texel_cells as f32
+    Texels::new(scene, parameters.texel_edge())
 }
 
 /// Texture maps before the first cycle: what the surfaces emit, two values a texel.
@@ -348,6 +356,9 @@ fn check(p: &Parameters) -> Result<(), BakeError> {
     }
     if !(0.0..=1.0).contains(&p.target_error) {
         return bad(format!("--target-error {}: 0 to 1", p.target_error));
+    }
+    if !(1.0..=64.0).contains(&p.refined) {
+        return bad(format!("--refine {}: 1 to 64", p.refined));
     }
     if p.filter > 64 {
         return bad(format!("--filter {}: 0 to 64", p.filter));

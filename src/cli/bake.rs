@@ -79,7 +79,7 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         Some(perturb) => (perturb.grids, perturb.thinned),
         None => quality.perturbations(),
     };
-    let (texel, filter) = quality.texels();
+    let (texel, refined, filter) = quality.texels();
     Parameters {
         directions: a.directions,
         resolution: a.resolution,
@@ -89,6 +89,7 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         perturbations,
         thinned,
         texel_cells: a.texel.unwrap_or(texel),
+        refined: a.refine.unwrap_or(refined),
         filter: a.filter.unwrap_or(filter),
         one_sided: a.one_sided,
         transfer: a.transfer.into(),
@@ -118,10 +119,10 @@ pub fn threads(asked: Option<usize>) -> anyhow::Result<usize> {
 /// Parameters of a quality at the default size.
 pub fn defaults(quality: Quality) -> Parameters {
     let (perturbations, thinned) = quality.perturbations();
-    let (texel_cells, filter) = quality.texels();
+    let (texel_cells, refined, filter) = quality.texels();
     let target_error = quality.target_error();
     let sizes = Parameters::default();
-    Parameters { perturbations, thinned, texel_cells, filter, target_error, ..sizes }
+    Parameters { perturbations, thinned, texel_cells, refined, filter, target_error, ..sizes }
 }
 
 /// Seconds between commits, and whether they are synced.

@@ -147,12 +147,13 @@ pub fn summary(path: &Path, limits: &Limits) -> anyhow::Result<String> {
     writeln!(out, "field {} of {} surfaces", hex(&facts.id), facts.surfaces)?;
     writeln!(
         out,
-        "  {} directions, {} x {} cells in tiles of {}, texels of {} cells, {}{}",
+        "  {} directions, {} x {} cells in tiles of {}, texels of {} cells{}, {}{}",
         p.directions,
         p.resolution,
         p.resolution,
         p.tile,
         p.texel_cells,
+        if p.refined > 1.0 { " or finer" } else { "" },
         if p.one_sided { "one-sided" } else { "two-sided" },
         match p.filter {
             0 => String::new(),

@@ -185,6 +185,7 @@ fn difference(old: &Manifest, new: &Manifest) -> Option<String> {
         (a != b).then(|| format!("{what} {a}, not {b}"))
     };
     differs("algorithm revision", &old.revision, &new.revision)
+        .or_else(|| differs("times as many texels", &a.refined, &b.refined))
         .or_else(|| (old.scene_hash != new.scene_hash).then(|| "another scene".to_owned()))
         .or_else(|| differs("directions", &a.directions, &b.directions))
         .or_else(|| differs("resolution", &a.resolution, &b.resolution))

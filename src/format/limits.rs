@@ -12,6 +12,9 @@ use crate::directions::MOST_LINES;
 /// The most bytes of the manifest's record, which no flag raises.
 pub const RECORD: u64 = 64 << 20;
 
+/// The most times that the edges of a surface's texels are halved.
+pub const FINENESS: u8 = 4;
+
 /// The most surfaces whose error a record states.
 pub const WORST: usize = 64;
 

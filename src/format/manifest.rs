@@ -34,6 +34,8 @@ pub struct Parameters {
     pub thinned: u32,
     /// Edge of a texel in cells.
     pub texel_cells: f64,
+    /// Where light has edges, texels are finer, up to so many times as many in all; 1: nowhere.
+    pub refined: f64,
     /// Passes of the binomial filter over each cycle's Next Texture Maps.
     pub filter: u32,
     /// Whether surfaces have a front only.
@@ -80,6 +82,7 @@ impl Default for Parameters {
             perturbations: vec![1],
             thinned: 0,
             texel_cells: 1.0,
+            refined: 1.0,
             filter: 0,
             one_sided: false,
             transfer: Transfer::Sample,
@@ -402,7 +405,11 @@ impl Manifest {
             return Err(Fault::invalid("its parameters are not those of its first block"));
         }
         let counts = p.filter <= 64 && p.thinned <= MOST_THINNED;
-        if !(0.1..=100.0).contains(&p.texel_cells) || p.perturbations.is_empty() || !counts {
+        if !(0.1..=100.0).contains(&p.texel_cells)
+            || p.perturbations.is_empty()
+            || !counts
+            || !(1.0..=64.0).contains(&p.refined)
+        {
             return Err(Fault::invalid("its parameters are out of range"));
         }
         if !(0.0..=1.0).contains(&p.target_error) || self.error.worst.len() > limits::WORST {

@@ -24,6 +24,7 @@ use crate::scene::Scene;
 use rehearsal::Rehearsal;
 use sample::Sample;
 use serde::Serialize;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// What a bake will take.
@@ -131,6 +132,11 @@ const PART: u64 = 25;
 pub fn plan(scene: &Scene, parameters: &Parameters, options: &Options) -> Result<Plan, BakeError> {
     let began = Instant::now();
     let directions = bake::checked(scene, parameters)?;
+    // Nobody stops a plan.
+    let going_on = &AtomicBool::new(false);
+    let unstopped = Options { stop: going_on, order: None, ..*options };
+    let refined = bake::refine::refined(scene, parameters, &unstopped)?;
+    let scene = refined.as_deref().unwrap_or(scene);
     let texels = bake::texels(scene, parameters);
     let outlines = bake::layers::Outlines::new(scene, &texels);
     let most = scene.materials.iter().map(|m| m.emitted.max()).fold(0.0, f32::max);

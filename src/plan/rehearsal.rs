@@ -237,8 +237,13 @@ impl Rehearsal {
         // Fewer lines are noisier: what ends a cycle's rounds must come as late with them as with all.
         let all = f64::from(shared.parameters.directions);
         let target_error = (shared.parameters.target_error * all / f64::from(lines)).min(1.0);
-        let parameters =
-            Parameters { directions: lines, thinned: 0, target_error, ..shared.parameters.clone() };
+        let parameters = Parameters {
+            directions: lines,
+            thinned: 0,
+            refined: 1.0,
+            target_error,
+            ..shared.parameters.clone()
+        };
         let threads = options.threads.max(1) as u64;
         let need = {
             let directions = Directions::with_lines(lines);

@@ -212,6 +212,7 @@ fn surface(points: &[DVec3], flats: &[Flat], group: &[u32]) -> Surface {
         u: u.as_vec3(),
         v: v.as_vec3(),
         extent,
+        fineness: 0,
         polygons: polygons.collect(),
     }
 }

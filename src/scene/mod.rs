@@ -91,6 +91,8 @@ pub struct Surface {
     pub v: Vec3,
     /// Lengths of the rectangle's edges along `u` and `v`, in the fitted scene's units.
     pub extent: Vec2,
+    /// Its texels are `2^fineness` times as many along each edge as elsewhere; 0 as it is read.
+    pub fineness: u8,
     /// The polygons: simple loops, not necessarily convex, that do not overlap each other.
     pub polygons: Vec<Polygon>,
 }

@@ -32,6 +32,7 @@ pub fn to_bytes(scene: &Scene) -> Vec<u8> {
             vector.to_array().into_iter().for_each(|v| w.f32(v));
         }
         surface.extent.to_array().into_iter().for_each(|v| w.f32(v));
+        w.u8(surface.fineness);
         w.u32(surface.polygons.len() as u32);
         for polygon in &surface.polygons {
             w.u32(polygon.vertices.len() as u32);
@@ -75,6 +76,8 @@ fn surface(r: &mut Reader, materials: usize) -> Result<Surface, Fault> {
     let frame = unit(normal) && unit(u) && unit(v) && u.cross(v).dot(normal) > 0.99;
     require(frame && origin.length() < 3.0, "a surface's frame is not one")?;
     require(extent.min_element() >= 0.0 && extent.max_element() <= 3.0, "a surface's extent")?;
+    let fineness = r.u8()?;
+    require(fineness <= limits::FINENESS, "a surface's texels are finer than any")?;
     // Each takes a count and three corners at least.
     let count = r.count(4 + 3 * 12)?;
     let mut polygons = Vec::with_capacity(count);
@@ -90,7 +93,7 @@ fn surface(r: &mut Reader, materials: usize) -> Result<Surface, Fault> {
         polygons.push(Polygon { vertices });
     }
     require(!polygons.is_empty(), "a surface has no polygon")?;
-    Ok(Surface { material, normal, origin, u, v, extent, polygons })
+    Ok(Surface { material, normal, origin, u, v, extent, fineness, polygons })
 }
 
 /// The scene that bytes hold.
@@ -105,7 +108,7 @@ pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Scene, Fault> {
     let count = r.count(29)?;
     let materials = (0..count).map(|_| material(&mut r)).collect::<Result<Vec<_>, _>>()?;
     // Each takes its frame, its extent and one polygon at least.
-    let count = r.count(4 + 14 * 4 + 4 + 40)?;
+    let count = r.count(4 + 14 * 4 + 1 + 4 + 40)?;
     limits.check_surfaces(count as u32)?;
     let surfaces =
         (0..count).map(|_| surface(&mut r, materials.len())).collect::<Result<Vec<_>, _>>()?;

@@ -43,6 +43,7 @@ pub fn quad(material: u32, corner: Vec3, a: Vec3, b: Vec3) -> Surface {
         u: a.normalize(),
         v: b.normalize(),
         extent: Vec2::new(a.length(), b.length()),
+        fineness: 0,
         polygons: vec![Polygon { vertices: vec![corner, corner + a, corner + a + b, corner + b] }],
     }
 }

@@ -46,8 +46,9 @@ impl Texels {
         lists as u64 + self.cuts.bytes()
     }
 
-    /// Lays texels of about `edge` (in the fitted scene's units) over every diffuse surface. A
-    /// lattice divides its surface's bounding rectangle evenly, so that it ends where the surface ends.
+    /// Lays texels of about `edge` (in the fitted scene's units), or finer by the surface's own
+    /// [`fineness`](Surface::fineness), over every diffuse surface. A lattice divides its surface's
+    /// bounding rectangle evenly, so that it ends where the surface ends.
     pub fn new(scene: &Scene, edge: f32) -> Texels {
         Texels::lay(scene, edge, Vec::new())
     }
@@ -76,7 +77,7 @@ impl Texels {
                 let lattice = &mut lattices[id.index()];
                 lattice.first = surface_of.len() as u32;
                 if !mirrors {
-                    [lattice.width, lattice.height] = size(surface, edge);
+                    [lattice.width, lattice.height] = size(surface.extent, surface.fineness, edge);
                 }
                 let count = Vec2::new(lattice.width as f32, lattice.height as f32);
                 lattice.density = count / surface.extent.max(Vec2::splat(f32::MIN_POSITIVE));
@@ -95,7 +96,7 @@ impl Texels {
         let of = |surface: &Surface| match scene.materials[surface.material.index()].reflectance {
             Reflectance::Mirror(_) => 1,
             Reflectance::Diffuse(_) => {
-                let [width, height] = size(surface, edge);
+                let [width, height] = size(surface.extent, surface.fineness, edge);
                 u64::from(width) * u64::from(height)
             }
         };
@@ -125,8 +126,9 @@ impl Texels {
 }
 
 /// Columns and rows of texels on a diffuse surface.
-fn size(surface: &Surface, edge: f32) -> [u32; 2] {
-    let count = (surface.extent / edge).round().max(Vec2::ONE);
+pub fn size(extent: Vec2, fineness: u8, edge: f32) -> [u32; 2] {
+    let finer = f32::from(1u16 << fineness);
+    let count = (extent * finer / edge).round().max(Vec2::ONE);
     [count.x as u32, count.y as u32]
 }
 

@@ -85,6 +85,7 @@ pub fn parameters(directions: u32, resolution: u32, cycles: u32) -> Parameters {
         unshot_fraction: 1e-3,
         perturbations: vec![1],
         texel_cells: 1.0,
+        refined: 1.0,
         filter: 0,
         one_sided: false,
         ..Parameters::default()

@@ -116,7 +116,7 @@ def check_identity(name, file, expected):
             "specular": record.specular.name.capitalize(),
             "resample": record.resample == 1,
         }
-        same = "resolution tile unshot_fraction perturbations thinned texel_cells filter target_error".split()
+        same = "resolution tile unshot_fraction perturbations thinned texel_cells refined filter target_error".split()
         parameters |= {key: getattr(record, key) for key in same}
         for key in parameters.keys() | expected["parameters"].keys():
             here, there = parameters.get(key), expected["parameters"].get(key)

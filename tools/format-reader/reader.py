@@ -350,7 +350,8 @@ def grid(scene, record, surface):
     """Columns and rows of the texels of a diffuse surface."""
     edge = f32(f32(2 / record.resolution) * f32(record.texel_cells))
     # Lengths are positive, so that halves away from zero are halves upwards.
-    return [max(1, math.floor(f32(x / edge) + 0.5)) for x in scene.surfaces[surface].extent]
+    plane = scene.surfaces[surface]
+    return [max(1, math.floor(f32(x * 2**plane.fineness / edge) + 0.5)) for x in plane.extent]
 
 
 def texels(scene, record):

@@ -476,41 +476,46 @@ class Vlf(KaitaiStruct):
                 raise kaitaistruct.ValidationLessThanError(0.1, self.texel_cells, self._io, u"/types/record/seq/10")
             if not self.texel_cells <= 100:
                 raise kaitaistruct.ValidationGreaterThanError(100, self.texel_cells, self._io, u"/types/record/seq/10")
+            self.refined = self._io.read_f8le()
+            if not self.refined >= 1:
+                raise kaitaistruct.ValidationLessThanError(1, self.refined, self._io, u"/types/record/seq/11")
+            if not self.refined <= 64:
+                raise kaitaistruct.ValidationGreaterThanError(64, self.refined, self._io, u"/types/record/seq/11")
             self.filter = self._io.read_u4le()
             if not self.filter <= 64:
-                raise kaitaistruct.ValidationGreaterThanError(64, self.filter, self._io, u"/types/record/seq/11")
+                raise kaitaistruct.ValidationGreaterThanError(64, self.filter, self._io, u"/types/record/seq/12")
             self.one_sided = self._io.read_u1()
             if not self.one_sided <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.one_sided, self._io, u"/types/record/seq/12")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.one_sided, self._io, u"/types/record/seq/13")
             self.transfer = KaitaiStream.resolve_enum(Vlf.Transfer, self._io.read_u4le())
             if not isinstance(self.transfer, Vlf.Transfer):
-                raise kaitaistruct.ValidationNotInEnumError(self.transfer, self._io, u"/types/record/seq/13")
+                raise kaitaistruct.ValidationNotInEnumError(self.transfer, self._io, u"/types/record/seq/14")
             self.specular = KaitaiStream.resolve_enum(Vlf.Specular, self._io.read_u4le())
             if not isinstance(self.specular, Vlf.Specular):
-                raise kaitaistruct.ValidationNotInEnumError(self.specular, self._io, u"/types/record/seq/14")
+                raise kaitaistruct.ValidationNotInEnumError(self.specular, self._io, u"/types/record/seq/15")
             self.resample = self._io.read_u1()
             if not self.resample >= (1 if self.specular == Vlf.Specular.trace else 0):
-                raise kaitaistruct.ValidationLessThanError((1 if self.specular == Vlf.Specular.trace else 0), self.resample, self._io, u"/types/record/seq/15")
+                raise kaitaistruct.ValidationLessThanError((1 if self.specular == Vlf.Specular.trace else 0), self.resample, self._io, u"/types/record/seq/16")
             if not self.resample <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.resample, self._io, u"/types/record/seq/15")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.resample, self._io, u"/types/record/seq/16")
             self.target_error = self._io.read_f8le()
             if not self.target_error >= 0:
-                raise kaitaistruct.ValidationLessThanError(0, self.target_error, self._io, u"/types/record/seq/16")
+                raise kaitaistruct.ValidationLessThanError(0, self.target_error, self._io, u"/types/record/seq/17")
             if not self.target_error <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.target_error, self._io, u"/types/record/seq/16")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.target_error, self._io, u"/types/record/seq/17")
             self.scene_hash = self._io.read_bytes(16)
             self.phase = KaitaiStream.resolve_enum(Vlf.Phase, self._io.read_u4le())
             if not isinstance(self.phase, Vlf.Phase):
-                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/18")
+                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/19")
             self.cycle = self._io.read_u4le()
             self.len_done = self._io.read_u8le()
             if not self.len_done == (self.num_directions + 7) // 8:
-                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/20")
+                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/21")
             self.done = self._io.read_bytes(self.len_done)
             self.sequence = self._io.read_u8le()
             self.has_sums = self._io.read_u1()
             if not self.has_sums <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/23")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/24")
             self.num_ledgers = self._io.read_u8le()
             self.ledgers = []
             for i in range(self.num_ledgers):
@@ -525,7 +530,7 @@ class Vlf(KaitaiStruct):
             self.noise = self._io.read_f8le()
             self.num_worst = self._io.read_u8le()
             if not self.num_worst <= 64:
-                raise kaitaistruct.ValidationGreaterThanError(64, self.num_worst, self._io, u"/types/record/seq/30")
+                raise kaitaistruct.ValidationGreaterThanError(64, self.num_worst, self._io, u"/types/record/seq/31")
             self.worst = []
             for i in range(self.num_worst):
                 self.worst.append(Vlf.Record.SurfaceError(self._io, self, self._root))
@@ -545,7 +550,7 @@ class Vlf(KaitaiStruct):
             self.wait = self._io.read_f8le()
             self.has_sync = self._io.read_u1()
             if not self.has_sync <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/45")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/46")
             if self.has_sync == 1:
                 pass
                 self.sync = self._io.read_f8le()
@@ -554,7 +559,7 @@ class Vlf(KaitaiStruct):
             self.end = self._io.read_bytes(0)
             _ = self.end
             if not self._io.is_eof():
-                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/48")
+                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/49")
 
 
         def _fetch_instances(self):
@@ -648,7 +653,7 @@ class Vlf(KaitaiStruct):
             if hasattr(self, '_m_len_identity'):
                 return self._m_len_identity
 
-            self._m_len_identity = (83 + 4 * self.has_cycles) + 4 * self.num_perturbations
+            self._m_len_identity = (91 + 4 * self.has_cycles) + 4 * self.num_perturbations
             return getattr(self, '_m_len_identity', None)
 
 
@@ -802,9 +807,12 @@ class Vlf(KaitaiStruct):
                     if not self.extent[i] <= 3.4028234663852886E+38:
                         raise kaitaistruct.ValidationGreaterThanError(3.4028234663852886E+38, self.extent[i], self._io, u"/types/scene/types/surface/seq/5")
 
+                self.fineness = self._io.read_u1()
+                if not self.fineness <= 4:
+                    raise kaitaistruct.ValidationGreaterThanError(4, self.fineness, self._io, u"/types/scene/types/surface/seq/6")
                 self.num_polygons = self._io.read_u4le()
                 if not self.num_polygons >= 1:
-                    raise kaitaistruct.ValidationLessThanError(1, self.num_polygons, self._io, u"/types/scene/types/surface/seq/6")
+                    raise kaitaistruct.ValidationLessThanError(1, self.num_polygons, self._io, u"/types/scene/types/surface/seq/7")
                 self.polygons = []
                 for i in range(self.num_polygons):
                     self.polygons.append(Vlf.Scene.Polygon(self._io, self, self._root))

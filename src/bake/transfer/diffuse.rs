@@ -195,33 +195,43 @@ fn lean_on_neighbours(
 /// value, so that lookups between texels find light up to every border. Cuts are crossed only to those
 /// that they shut in: nothing sees them, as the floor under a box, but cells of light fields that the
 /// box's foot runs through are looked up beside lit ones.
-fn fill(on: Lain, side: usize, mut missing: Vec<usize>, out: &mut [Rgb]) {
+fn fill(on: Lain, side: usize, missing: Vec<usize>, out: &mut [Rgb]) {
     let first = on.lattice.first as usize;
     let mut known = vec![true; texel_range(on.lattice).len()];
     missing.iter().for_each(|t| known[t - first] = false);
     let mut across = false;
-    while !missing.is_empty() {
+    let mut ring = missing.clone();
+    loop {
         let mut filled = Vec::new();
-        missing.retain(|&texel| {
+        for &texel in ring.iter().filter(|t| !known[**t - first]) {
             let joined = |o: &usize| across || on.are_joined(texel, *o);
             let around = neighbours(on, texel).filter(|o| known[o - first]).filter(joined);
-            let around: Vec<usize> = around.collect();
-            if around.is_empty() {
-                return true;
+            let (sum, count) =
+                around.fold((Rgb::BLACK, 0), |(sum, n), o| (sum + out[2 * o + side], n + 1));
+            if count > 0 {
+                filled.push((texel, sum / count as f32));
             }
-            let sum: Rgb = around.iter().map(|o| out[2 * o + side]).sum();
-            filled.push((texel, sum / around.len() as f32));
-            false
-        });
-        if filled.is_empty() && across {
-            break;
         }
-        // What is left is shut in.
-        across |= filled.is_empty();
-        for (texel, value) in filled {
+        if filled.is_empty() {
+            if across {
+                break;
+            }
+            // What is left is shut in.
+            across = true;
+            ring.clone_from(&missing);
+            continue;
+        }
+        for &(texel, value) in &filled {
             out[2 * texel + side] = value;
             known[texel - first] = true;
         }
+        // Only beside these is there anything new to take.
+        ring.clear();
+        for (texel, _) in filled {
+            ring.extend(neighbours(on, texel).filter(|o| !known[o - first]));
+        }
+        ring.sort_unstable();
+        ring.dedup();
     }
 }
 

@@ -22,6 +22,7 @@ fn field(path: &Path, stop: bool) {
         unshot_fraction: 1e-3,
         perturbations: vec![1],
         texel_cells: 1.0,
+        refined: 1.0,
         filter: 0,
         one_sided: false,
         ..Parameters::default()
