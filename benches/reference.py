@@ -42,7 +42,7 @@ QUICK = ["mcguire_cornell_original__a", "parallel_squares__a", "ring_caustic_146
 COLUMNS = (
     "date,machine,revision,reference,configuration,options,method,samples,directions,resolution,"
     "perturbations,cycles,bake_s,bake_cpu_s,peak_bytes,field_bytes,render_s,render_cpu_s,rmse,relmse,"
-    "relmse_trimmed,block8,ratio,nonfinite,noise,load"
+    "relmse_trimmed,block8,ratio,nonfinite,noise,estimate,load"
 ).split(",")
 
 
@@ -109,6 +109,8 @@ class Bakery:
         self.drop(field)
         result = run([self.vlf, "bake", scene, "-o", field, "--json", *options])
         said = json.loads(result.pop("out"))
+        info = json.loads(run([self.vlf, "info", field, "--json"])["out"])
+        result["estimate"] = info["error"]["relmse"]
         result.update(
             parameters=said["parameters"], cycles=said["cycles"], bytes=bytes_below(field)
         )
@@ -161,6 +163,7 @@ def score(vlf, baked, reference, method, samples, options, configuration=""):
         "ratio": measures["ratio"],
         "nonfinite": measures["nonfinite_pixels"],
         "noise": reference.noise,
+        "estimate": baked["estimate"],
         "load": round(os.getloadavg()[0], 1),
     }
 

@@ -268,6 +268,10 @@ types:
           min: 1
           max: 64
         doc: Most times as many texels as a fineness of 0 everywhere would give.
+      - id: supersample
+        type: u1
+        valid:
+          max: 1
       - id: filter
         type: u4
         valid:
@@ -384,7 +388,7 @@ types:
         doc: The record ends with the chunk.
     instances:
       len_identity:
-        value: 91 + 4 * has_cycles + 4 * num_perturbations
+        value: 92 + 4 * has_cycles + 4 * num_perturbations
       identity_bytes:
         pos: 0
         size: len_identity

@@ -38,6 +38,12 @@ impl Psf {
         Psf { shift, ..self }
     }
 
+    /// The same with each cell parted into `times` by `times`.
+    pub fn parted(self, times: u32) -> Psf {
+        let (resolution, shift) = (self.resolution * times, self.shift * times as f32);
+        Psf { resolution, shift, ..self }
+    }
+
     /// Edge of a cell in the fitted scene's units.
     pub fn cell_edge(&self) -> f32 {
         2.0 / self.resolution as f32

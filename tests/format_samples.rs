@@ -336,6 +336,7 @@ fn parameters() -> Parameters {
         thinned: 0,
         texel_cells: 1.0,
         refined: 1.0,
+        supersample: false,
         filter: 0,
         one_sided: false,
         transfer: Transfer::Sample,
@@ -791,7 +792,7 @@ fn the_record_is_as_specified() {
         assert_eq!(r.u64(), 1);
         assert_eq!((r.u32(), r.u32()), (p.perturbations[0], p.thinned));
         assert_eq!((r.f64(), r.f64()), (p.texel_cells, p.refined));
-        assert_eq!((r.u32(), r.u8()), (p.filter, 0));
+        assert_eq!((r.u8(), r.u32(), r.u8()), (0, p.filter, 0));
         assert_eq!((r.u32(), r.u32()), (p.transfer as u32, p.specular as u32));
         assert_eq!((r.u8(), r.f64()), (0, p.target_error));
         assert_eq!(r.take(16), manifest.scene_hash);

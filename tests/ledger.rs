@@ -16,9 +16,15 @@ const MOST_SAMPLING: f64 = 0.03;
 #[test]
 fn the_ledger_closes_in_every_scene_and_cycle() {
     let mut failures = Vec::new();
-    let closes = [(Transfer::Sample, 1e-3), (Transfer::Clip, 1e-4)];
-    for (name, (transfer, closes)) in SCENES.iter().flat_map(|name| closes.map(|c| (name, c))) {
-        let baked = Baked::new(&scene(name), &Parameters { transfer, ..parameters(129, 64, 4) });
+    let closes = [
+        (Transfer::Sample, false, 1e-3),
+        (Transfer::Sample, true, 1e-3),
+        (Transfer::Clip, true, 1e-4),
+    ];
+    let cases = SCENES.iter().flat_map(|name| closes.map(|case| (name, case)));
+    for (name, (transfer, supersample, closes)) in cases {
+        let bake = Parameters { transfer, supersample, ..parameters(129, 64, 4) };
+        let baked = Baked::new(&scene(name), &bake);
         let ledger = baked.manifest().ledger;
         assert_eq!(ledger.len(), 4);
         let emitted = ledger[0].emitted;
@@ -27,7 +33,7 @@ fn the_ledger_closes_in_every_scene_and_cycle() {
                 [l.holes, l.sampling, l.quantised].map(|part| part / emitted);
             let residual = l.residual();
             let figures = format!(
-                "{name}, {transfer:?}, cycle {k}: residual {residual:.1e}, of the emitted {emitted:.3} W: \
+                "{name}, {transfer:?}, supersample {supersample}, cycle {k}: residual {residual:.1e}, of the emitted {emitted:.3} W: \
                  holes {holes:+.4}, sampling {sampling:+.4}, rounding {rounding:+.1e}"
             );
             println!("{figures}");

@@ -6,7 +6,7 @@
 
 use super::ahead::{Wanted, ahead};
 use super::estimate::{Errors, Totals, by_surface, estimate, grids_of_half, is_enough};
-use super::layers::Outlines;
+use super::layers::{Outlines, SPLIT};
 use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
 use super::memory::Need;
 use super::reach::{self, SWEEPS, Sealed};
@@ -393,8 +393,7 @@ impl<'a> Bake<'a> {
     fn brought(&self, [half, all]: [&[Fixed]; 2], grids: u32, few_send: bool) -> Brought {
         let thinned = self.parameters.grids(self.field.manifest().cycle).thinned;
         // A whole texel meets lines in proportion to its projected area: pi sr in all.
-        let cell = f64::from(2.0 / self.parameters.resolution as f32).powi(2);
-        let lines = std::f64::consts::PI / (self.share(thinned) * cell);
+        let lines = std::f64::consts::PI / (self.share(thinned) * self.ray());
         let repeats = f64::from(grids);
         // Of few senders, only the lines of the unperturbed PSFs are counted.
         let values = 2 * self.texels.len();
@@ -415,6 +414,12 @@ impl<'a> Bake<'a> {
             || next(half, grids_of_half(self.directions, thinned, grids)),
         );
         Brought { next, half, open }
+    }
+
+    /// Area that a ray stands for, in the fitted scene's units squared.
+    fn ray(&self) -> f64 {
+        let parts = if self.parameters.supersample { SPLIT } else { 1 };
+        f64::from(2.0 / (parts * self.parameters.resolution) as f32).powi(2)
     }
 
     /// Solid angle of a share of the lines of a cycle, sr.
@@ -631,8 +636,7 @@ impl<'a> Bake<'a> {
         let units = Units {
             quantum: self.quantum,
             share: self.share(self.parameters.grids(cycle).thinned),
-            cell: f64::from(2.0 / self.parameters.resolution as f32).powi(2)
-                * self.scene.fit.radius.powi(2),
+            cell: self.ray() * self.scene.fit.radius.powi(2),
             perturbations: grids,
             relays: !self.parameters.stores_mirrors(),
         };

@@ -13,8 +13,9 @@ use crate::ids::{Cell, Sense, SurfaceId};
 use crate::psf::Psf;
 use crate::scene::contacts::Contacts;
 use crate::scene::texels::Texels;
-use crate::scene::{Scene, Surface};
+use crate::scene::{Polygon, Scene, Surface};
 use glam::Vec3;
+use std::collections::HashSet;
 
 /// Surfaces whose normal is closer to perpendicular to the direction than this are edge-on.
 const EDGE_ON: f32 = 1e-5;
@@ -78,6 +79,9 @@ pub struct Outlines {
     surfaces: Vec<Plane>,
     polygons: Vec<Outline>,
     vertices: Vec<Vec3>,
+    /// For each vertex whether the edge that ends there is a border of its surface, not one between two of
+    /// the surface's polygons.
+    borders: Vec<bool>,
     /// Which texels points of cut texels belong to.
     pub homes: Homes,
     /// Which surfaces lie in one plane, and which of them is in front.
@@ -104,6 +108,9 @@ struct Outline {
     vertices: (u32, u32),
 }
 
+/// Rays along each edge of a cell that is split: 2 x 2 in the place of one.
+pub const SPLIT: u32 = 2;
+
 impl Outlines {
     /// Lays the scene's polygons out.
     pub fn new(scene: &Scene, texels: &Texels) -> Outlines {
@@ -111,6 +118,7 @@ impl Outlines {
             surfaces: Vec::new(),
             polygons: Vec::new(),
             vertices: Vec::new(),
+            borders: Vec::new(),
             homes: Homes::new(scene, texels),
             contacts: Contacts::new(scene),
         };
@@ -120,7 +128,9 @@ impl Outlines {
             let plane: SurfaceId = out.contacts.plane_of(id);
             let shared = (plane != id).then(|| scene.surface(plane));
             let from = out.polygons.len() as u32;
+            let inner = inner_edges(surface);
             for polygon in &surface.polygons {
+                out.borders.extend(edges(polygon).map(|edge| !inner.contains(&edge)));
                 let first = out.vertices.len() as u32;
                 out.vertices.extend(&polygon.vertices);
                 out.polygons.push(Outline { vertices: (first, out.vertices.len() as u32) });
@@ -145,13 +155,33 @@ impl Outlines {
     pub fn bytes(&self) -> u64 {
         let lists = size_of_val(self.surfaces.as_slice())
             + size_of_val(self.polygons.as_slice())
-            + size_of_val(self.vertices.as_slice());
+            + size_of_val(self.vertices.as_slice())
+            + size_of_val(self.borders.as_slice());
         lists as u64 + self.homes.bytes() + self.contacts.bytes()
     }
 
     fn of(&self, plane: &Plane) -> &[Outline] {
         &self.polygons[plane.polygons.0 as usize..plane.polygons.1 as usize]
     }
+}
+
+/// A directed edge, by the bits of its ends.
+type Edge = [[u32; 3]; 2];
+
+/// The edges of a polygon, each before the vertex that it ends at.
+fn edges(polygon: &Polygon) -> impl Iterator<Item = Edge> {
+    let corners = &polygon.vertices;
+    let bits = |k: usize| corners[k].to_array().map(f32::to_bits);
+    (0..corners.len()).map(move |k| [bits((k + corners.len() - 1) % corners.len()), bits(k)])
+}
+
+/// The edges at which two polygons of a surface meet: each runs both ways.
+fn inner_edges(surface: &Surface) -> HashSet<Edge> {
+    if surface.polygons.len() == 1 {
+        return HashSet::new();
+    }
+    let all: HashSet<Edge> = surface.polygons.iter().flat_map(edges).collect();
+    all.iter().filter(|[a, b]| all.contains(&[*b, *a])).copied().collect()
 }
 
 /// How the cells of a PSF fall on the lattices of all surfaces. Those edge-on have no fragments; what
@@ -297,6 +327,7 @@ pub struct Layers {
     spans: Vec<Span>,
     crossings: Vec<f32>,
     window: Window,
+    split: Window,
 }
 
 impl Layers {
@@ -350,7 +381,19 @@ impl Layers {
             }
         }
         self.window.close();
-        for (plane, _) in planes().filter(|(_, through)| !**through) {
+        self.span_in_window(outlines, psf, planes().map(|(plane, through)| (plane, *through)));
+        self.fill_window();
+        self.sort();
+    }
+
+    /// Finds the spans of the planes that are not done yet, as far as they may meet the window.
+    fn span_in_window<'a>(
+        &mut self,
+        outlines: &Outlines,
+        psf: &Psf,
+        planes: impl Iterator<Item = (&'a Plane, bool)>,
+    ) {
+        for (plane, _) in planes.filter(|(_, done)| !done) {
             let mut known = false;
             for polygon in outlines.of(plane) {
                 let range = polygon.vertices.0 as usize..polygon.vertices.1 as usize;
@@ -362,9 +405,50 @@ impl Layers {
                     self.gradients.push(gradients);
                     known = true;
                 }
-                self.span_polygon(polygon, n, self.window.rows());
+                self.span_polygon(polygon, psf.resolution, self.window.rows());
             }
         }
+    }
+
+    /// Finds the cells of the PSF that was rasterised which a border of a surface passes through. What
+    /// their middle rays meet does not tell what the rays beside it do (section 5: "aliasing at polygon
+    /// boundaries").
+    pub fn find_split(&mut self, outlines: &Outlines) {
+        let n = self.resolution;
+        self.split.clear(n);
+        for polygon in outlines.surfaces.iter().flat_map(|plane| outlines.of(plane)) {
+            let range = polygon.vertices.0 as usize..polygon.vertices.1 as usize;
+            let (loop_, borders) = (&self.projected[range.clone()], &outlines.borders[range]);
+            let mut from = loop_[loop_.len() - 1];
+            for (&to, is_border) in loop_.iter().zip(borders) {
+                if *is_border {
+                    open_along(&mut self.split, (from, to), n);
+                }
+                from = to;
+            }
+        }
+        self.split.close();
+    }
+
+    /// Whether [`Layers::find_split`] found a cell.
+    #[inline]
+    pub fn is_split(&self, cell: Cell) -> bool {
+        self.split.has(cell)
+    }
+
+    /// Rasterises all surfaces along `parted`, the PSF with its cells [`SPLIT`] by [`SPLIT`], but only
+    /// in the split cells, which become [`Layers::window`].
+    pub fn rasterise_split(&mut self, outlines: &Outlines, parted: &Psf) {
+        self.begin(outlines, parted);
+        self.window.clear(parted.resolution);
+        for cell in self.split.cells() {
+            for row in 0..SPLIT {
+                self.window.open(SPLIT * cell.j + row, (SPLIT * cell.i, SPLIT * (cell.i + 1)));
+            }
+        }
+        self.window.close();
+        let planes = outlines.surfaces.iter().map(|plane| (plane, false));
+        self.span_in_window(outlines, parted, planes);
         self.fill_window();
         self.sort();
     }
@@ -507,6 +591,23 @@ fn cells_between(low: f32, high: f32, n: u32) -> (u32, u32) {
     (first(low), first(high))
 }
 
+/// Opens the cells that a line from one place (column, row) to another passes through.
+fn open_along(window: &mut Window, (a, b): (Vec3, Vec3), n: u32) {
+    let (p, q) = if a.y <= b.y { (a, b) } else { (b, a) };
+    let within = |v: f32| (v.max(0.0) as u32).min(n);
+    let last = within(q.y.floor() + 1.0);
+    for row in within(p.y)..last {
+        // The part of the line between the row's edges.
+        let (low, high) = ((row as f32).max(p.y), (row as f32 + 1.0).min(q.y));
+        let at = |y: f32| p.x + (y - p.y) * ((q.x - p.x) / (q.y - p.y));
+        let (x, z) = if q.y > p.y { (at(low), at(high)) } else { (p.x, q.x) };
+        let (from, to) = (within(x.min(z)), within(x.max(z).floor() + 1.0));
+        if from < to {
+            window.open(row, (from, to));
+        }
+    }
+}
+
 /// Insertion sort: most cells hold a handful.
 fn sort_few(fragments: &mut [Fragment]) {
     if fragments.len() > 24 {
@@ -574,6 +675,51 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
+        /// Where a cell is not split, all its rays meet the same surfaces; where it is, those of its parts
+        /// are what the PSF of parted cells has there.
+        #[test]
+        fn a_cell_whose_rays_differ_is_split(
+            rectangles in prop::collection::vec(
+                (prop::array::uniform3(-0.4f32..0.4), prop::array::uniform3(-0.5f32..0.5)), 1..8),
+            direction in prop::array::uniform3(-1.0f32..1.0),
+            shift in prop::array::uniform2(-0.5f32..0.5),
+        ) {
+            let direction = Vec3::from(direction);
+            prop_assume!(direction.length() > 0.1);
+            let placed = rectangles.into_iter().map(|(corner, a)| (Vec3::from(corner), Vec3::from(a)));
+            let placed = placed.filter(|(_, a)| a.length() > 0.02);
+            let wide = |(corner, a): (Vec3, Vec3)| rectangle(corner, a, a.any_orthonormal_vector() * 0.3);
+            let scene = scene(placed.map(wide).collect());
+            let psf = Psf::new(direction.normalize(), 16).shifted(Vec2::from(shift));
+            let parted = psf.parted(SPLIT);
+            let texels = Texels::new(&scene, psf.cell_edge());
+            let outlines = Outlines::new(&scene, &texels);
+            let surfaces = |fragments: &mut [Fragment]| -> Vec<u32> {
+                let of = |f: &Fragment| texels.surface_of[f.texel() as usize];
+                let mut surfaces: Vec<u32> = fragments.iter().map(of).collect();
+                // Where two cross, their order changes from ray to ray without a border.
+                surfaces.sort_unstable();
+                surfaces
+            };
+            let (mut own, mut all) = (Layers::default(), Layers::default());
+            own.rasterise(&outlines, &psf);
+            own.find_split(&outlines);
+            all.rasterise(&outlines, &parted);
+            for cell in (0..16 * 16).map(|k| Cell { i: k % 16, j: k / 16 }) {
+                for part in 0..SPLIT * SPLIT {
+                    let (i, j) = (SPLIT * cell.i + part % SPLIT, SPLIT * cell.j + part / SPLIT);
+                    let same = surfaces(all.cell(i, j)) == surfaces(own.cell(cell.i, cell.j));
+                    prop_assert!(same || own.is_split(cell));
+                }
+            }
+            own.rasterise_split(&outlines, &parted);
+            for (slot, cell) in own.window().to_vec().into_iter().enumerate() {
+                prop_assert_eq!(surfaces(own.slot(slot)), surfaces(all.cell(cell.i, cell.j)));
+                let whole = Cell { i: cell.i / SPLIT, j: cell.j / SPLIT };
+                prop_assert!(own.is_split(whole));
+            }
+        }
+
         /// Rectangles strewn about: each ray meets those that the definition says, in that order, in
         /// those texels, from those sides.
         #[test]

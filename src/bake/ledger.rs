@@ -118,7 +118,7 @@ pub struct Units {
     pub quantum: Quantum,
     /// Solid angle of one share, sr.
     pub share: f64,
-    /// Area of a cell, in the scene's own units squared.
+    /// Area that a ray stands for, in the scene's own units squared.
     pub cell: f64,
     /// PSFs each direction stood for.
     pub perturbations: u32,

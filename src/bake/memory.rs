@@ -6,7 +6,7 @@
 
 use super::MOST_CYCLES;
 use super::ahead::gathered_from;
-use super::layers::Layers;
+use super::layers::{Layers, SPLIT};
 use super::reach::Sealed;
 use super::step::{Scratch, Shared};
 use super::transfer::clip::Clip;
@@ -48,8 +48,10 @@ const LOOKS: u32 = 24;
 /// What one direction takes; of several, the most.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Extent {
-    /// Fragments of its PSF.
+    /// Fragments of its PSF, or of the parts of its split cells, if these have more.
     pub fragments: u64,
+    /// Parts of its split cells.
+    pub parts: u64,
     /// Bytes of its total radiance map.
     pub total_map: u64,
     /// Bytes of its map of what arrived at mirrors.
@@ -65,6 +67,7 @@ impl Extent {
     pub fn most(self, other: Extent) -> Extent {
         Extent {
             fragments: self.fragments.max(other.fragments),
+            parts: self.parts.max(other.parts),
             total_map: self.total_map.max(other.total_map),
             mirror_map: self.mirror_map.max(other.mirror_map),
             excerpts: self.excerpts.max(other.excerpts),
@@ -111,6 +114,7 @@ impl Extent {
         });
         Extent {
             fragments: fragments[0],
+            parts: 0,
             total_map: map(0),
             mirror_map: if mirrors.is_empty() { 0 } else { map(1) },
             excerpts: around.sum(),
@@ -126,16 +130,21 @@ impl Extent {
         let sealed = Sealed::none(2 * shared.texels.len());
         let mut most = Extent::default();
         for id in curve.into_iter().step_by(step) {
-            layers.rasterise(
-                shared.outlines,
-                &Psf::new(shared.directions.vector(id), shared.parameters.resolution),
-            );
+            let psf = Psf::new(shared.directions.vector(id), shared.parameters.resolution);
+            layers.rasterise(shared.outlines, &psf);
             let gathered = gathered_from(shared, &sealed, id).len() as u64;
             most = most.most(Extent { gathered, ..Extent::of(shared, id, &mut layers) });
+            if shared.parameters.supersample {
+                layers.find_split(shared.outlines);
+                layers.rasterise_split(shared.outlines, &psf.parted(SPLIT));
+                let (parts, fragments) = (layers.window().len() as u64, layers.len() as u64);
+                most = most.most(Extent { parts, fragments, ..Extent::default() });
+            }
         }
         let more = |v: u64| v + v / 4;
         Extent {
             fragments: more(most.fragments),
+            parts: more(most.parts),
             total_map: more(most.total_map),
             mirror_map: more(most.mirror_map),
             excerpts: more(most.excerpts),
@@ -193,7 +202,7 @@ impl Need {
         let surfaces = shared.scene.surfaces.len() as u64;
         let lasting = lasting_bytes(shared);
         let mirrors = values / 2 - u64::from(shared.texels.diffuse);
-        let layers = 4 * cells + 12 * extent.fragments + 256 * surfaces;
+        let layers = 4 * cells + 16 * extent.parts + 12 * extent.fragments + 256 * surfaces;
         let stores = shared.stores_mirrors();
         let extent =
             if stores { *extent } else { Extent { mirror_map: 0, excerpts: 0, ..*extent } };

@@ -73,6 +73,7 @@ fn pilot(
         thinned: 0,
         texel_cells: parameters.texel_cells * COARSER,
         refined: 1.0,
+        supersample: false,
         filter: parameters.filter + 1,
         target_error: 0.0,
         specular: Specular::Trace,

@@ -6,7 +6,7 @@
 
 use super::estimate::half_of;
 use super::exchange;
-use super::layers::{Fragment, Layers, Outlines, projections};
+use super::layers::{Fragment, Layers, Outlines, SPLIT, projections};
 use super::ledger::{Tally, channels};
 use super::perturb;
 use super::reach::Sealed;
@@ -213,28 +213,49 @@ pub fn shoot(
             projections(shared.outlines, &psf, &mut scratch.projections);
         }
         let double = shared.directions.shares(id) == 2;
-        if let Some(few) = cycle.few.filter(|_| number > 0) {
+        let few = cycle.few.filter(|_| number > 0);
+        let stores = number == 0 && shared.stores_mirrors();
+        let splits = shared.parameters.supersample && few.is_none() && !stores;
+        if let Some(few) = few {
             let is_mirror = |s: SurfaceId| shared.scene.material_of(s).reflectance.is_mirror();
             let sends = |surface, point| {
                 let sends = |sense| line.may_send(&few, (surface, point, FAR), sense);
                 !is_mirror(surface) || [Sense::Along, Sense::Against].into_iter().any(sends)
             };
             scratch.layers.rasterise_through(shared.outlines, &psf, few.senders, sends);
-            match double {
-                true => line.through_window::<2, 0>(scratch),
-                false => line.through_window::<3, 0>(scratch),
-            }
         } else {
             scratch.layers.rasterise(shared.outlines, &psf);
-            let stores = number == 0 && shared.stores_mirrors();
-            match (double, stores) {
-                (true, true) => made = Some(line.with_maps::<2, 1>(id, scratch)?),
-                (false, true) => made = Some(line.with_maps::<3, 1>(id, scratch)?),
-                (true, false) => line.without_maps::<2, 1>(scratch),
-                (false, false) => line.without_maps::<3, 1>(scratch),
+        }
+        if splits {
+            scratch.layers.find_split(shared.outlines);
+        }
+        let what = match (few, stores) {
+            (Some(_), _) => Lines::Window,
+            (None, true) => Lines::Mapped(id),
+            (None, false) => Lines::Grid { splits },
+        };
+        // A ray of a split cell stands for a part of the cell.
+        made = match (double, shared.parameters.supersample) {
+            (true, false) => line.pass::<2>(what, scratch)?,
+            (false, false) => line.pass::<3>(what, scratch)?,
+            (true, true) => line.pass::<{ 2 * PARTS }>(what, scratch)?,
+            (false, true) => line.pass::<{ 3 * PARTS }>(what, scratch)?,
+        }
+        .or(made);
+        if splits {
+            scratch.settle(false);
+            let psf = psf.parted(SPLIT);
+            let line = Line { psf: &psf, ..line };
+            if line.clips() {
+                projections(shared.outlines, &psf, &mut scratch.projections);
+            }
+            scratch.layers.rasterise_split(shared.outlines, &psf);
+            match double {
+                true => line.through_window::<2, 1>(scratch),
+                false => line.through_window::<3, 1>(scratch),
             }
         }
-        scratch.settle(number == 0 && shared.stores_mirrors());
+        scratch.settle(stores);
         if let Some(error) = scratch.failure.take() {
             return Err(error);
         }
@@ -243,6 +264,7 @@ pub fn shoot(
 }
 
 /// The lines of one PSF.
+#[derive(Clone, Copy)]
 struct Line<'a> {
     shared: &'a Shared<'a>,
     cycle: &'a Cycle<'a>,
@@ -251,10 +273,38 @@ struct Line<'a> {
     half: usize,
 }
 
+/// Which lines of a PSF there are to pass along.
+#[derive(Clone, Copy)]
+enum Lines {
+    /// Those of the window; they count nowhere.
+    Window,
+    /// All, and the maps of the mirrors on them.
+    Mapped(DirectionId),
+    /// All, but those of split cells.
+    Grid { splits: bool },
+}
+
+/// Rays of a split cell.
+const PARTS: i64 = (SPLIT * SPLIT) as i64;
+
 /// Lines whose window is transferred at once.
 const BLOCK: usize = 256;
 
 impl Line<'_> {
+    /// Passes light along lines, each for so many shares.
+    fn pass<const SHARES: i64>(
+        &self,
+        lines: Lines,
+        scratch: &mut Scratch,
+    ) -> Result<Option<Made>, FieldError> {
+        match lines {
+            Lines::Window => self.through_window::<SHARES, 0>(scratch),
+            Lines::Grid { splits } => self.without_maps::<SHARES, 1>(splits, scratch),
+            Lines::Mapped(id) => return self.with_maps::<SHARES, 1>(id, scratch).map(Some),
+        }
+        Ok(None)
+    }
+
     /// The lines of a window.
     fn through_window<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
         let count = scratch.layers.window().len();
@@ -267,13 +317,20 @@ impl Line<'_> {
         }
     }
 
-    fn without_maps<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
+    fn without_maps<const SHARES: i64, const COUNTS: i64>(
+        &self,
+        splits: bool,
+        scratch: &mut Scratch,
+    ) {
         // Tile by tile here too: neighbouring lines find their texels in the cache.
         let Parameters { resolution, tile: m, .. } = *self.shared.parameters;
         let n = resolution / m;
         for tile in 0..n * n {
             for inside in 0..m * m {
                 let cell = Cell { i: tile % n * m + inside % m, j: tile / n * m + inside / m };
+                if splits && scratch.layers.is_split(cell) {
+                    continue;
+                }
                 let slot = (cell.j * resolution + cell.i) as usize;
                 self.cell::<SHARES, COUNTS>(cell, slot, scratch);
             }

@@ -57,6 +57,13 @@ impl Window {
         }
     }
 
+    /// Whether it holds a cell of its grid.
+    #[inline]
+    pub fn has(&self, cell: Cell) -> bool {
+        let word = cell.j as usize * self.words + cell.i as usize / 64;
+        self.bits[word] >> (cell.i % 64) & 1 == 1
+    }
+
     /// Its cells, row by row.
     pub fn cells(&self) -> &[Cell] {
         &self.cells

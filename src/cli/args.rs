@@ -162,6 +162,11 @@ pub struct Baking {
     /// many times as many in all; 1: nowhere [default: 4 with `--quality final`, else 1]
     #[arg(long, value_name = "TIMES")]
     pub refine: Option<f64>,
+    /// Whether light is exchanged by 2 x 2 rays in the place of one in cells that a surface's border
+    /// passes through; not in perturbed grids that hold only the lines of lamps, nor where `--specular
+    /// maps` writes maps
+    #[arg(long, value_enum, default_value = "off")]
+    pub supersample: Switch,
     /// Passes of a 3 x 3 texel filter over each cycle's texture maps; 0 for none [default: 0 with
     /// `--quality draft`, else 1]
     #[arg(long)]

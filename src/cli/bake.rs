@@ -90,6 +90,7 @@ pub fn parameters(a: &args::Baking) -> Parameters {
         thinned,
         texel_cells: a.texel.unwrap_or(texel),
         refined: a.refine.unwrap_or(refined),
+        supersample: a.supersample.is_on(),
         filter: a.filter.unwrap_or(filter),
         one_sided: a.one_sided,
         transfer: a.transfer.into(),

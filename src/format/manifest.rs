@@ -36,6 +36,9 @@ pub struct Parameters {
     pub texel_cells: f64,
     /// Where light has edges, texels are finer, up to so many times as many in all; 1: nowhere.
     pub refined: f64,
+    /// Whether light along the rays of cells that a surface's border passes through is exchanged by 2 x 2
+    /// rays in the place of one.
+    pub supersample: bool,
     /// Passes of the binomial filter over each cycle's Next Texture Maps.
     pub filter: u32,
     /// Whether surfaces have a front only.
@@ -83,6 +86,7 @@ impl Default for Parameters {
             thinned: 0,
             texel_cells: 1.0,
             refined: 1.0,
+            supersample: false,
             filter: 0,
             one_sided: false,
             transfer: Transfer::Sample,

@@ -86,6 +86,7 @@ pub fn parameters(directions: u32, resolution: u32, cycles: u32) -> Parameters {
         perturbations: vec![1],
         texel_cells: 1.0,
         refined: 1.0,
+        supersample: false,
         filter: 0,
         one_sided: false,
         ..Parameters::default()

@@ -111,6 +111,7 @@ def check_identity(name, file, expected):
         parameters = {
             "directions": record.num_directions,
             "cycles": record.cycles if record.has_cycles else None,
+            "supersample": record.supersample == 1,
             "one_sided": record.one_sided == 1,
             "transfer": record.transfer.name.capitalize(),
             "specular": record.specular.name.capitalize(),

@@ -481,41 +481,44 @@ class Vlf(KaitaiStruct):
                 raise kaitaistruct.ValidationLessThanError(1, self.refined, self._io, u"/types/record/seq/11")
             if not self.refined <= 64:
                 raise kaitaistruct.ValidationGreaterThanError(64, self.refined, self._io, u"/types/record/seq/11")
+            self.supersample = self._io.read_u1()
+            if not self.supersample <= 1:
+                raise kaitaistruct.ValidationGreaterThanError(1, self.supersample, self._io, u"/types/record/seq/12")
             self.filter = self._io.read_u4le()
             if not self.filter <= 64:
-                raise kaitaistruct.ValidationGreaterThanError(64, self.filter, self._io, u"/types/record/seq/12")
+                raise kaitaistruct.ValidationGreaterThanError(64, self.filter, self._io, u"/types/record/seq/13")
             self.one_sided = self._io.read_u1()
             if not self.one_sided <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.one_sided, self._io, u"/types/record/seq/13")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.one_sided, self._io, u"/types/record/seq/14")
             self.transfer = KaitaiStream.resolve_enum(Vlf.Transfer, self._io.read_u4le())
             if not isinstance(self.transfer, Vlf.Transfer):
-                raise kaitaistruct.ValidationNotInEnumError(self.transfer, self._io, u"/types/record/seq/14")
+                raise kaitaistruct.ValidationNotInEnumError(self.transfer, self._io, u"/types/record/seq/15")
             self.specular = KaitaiStream.resolve_enum(Vlf.Specular, self._io.read_u4le())
             if not isinstance(self.specular, Vlf.Specular):
-                raise kaitaistruct.ValidationNotInEnumError(self.specular, self._io, u"/types/record/seq/15")
+                raise kaitaistruct.ValidationNotInEnumError(self.specular, self._io, u"/types/record/seq/16")
             self.resample = self._io.read_u1()
             if not self.resample >= (1 if self.specular == Vlf.Specular.trace else 0):
-                raise kaitaistruct.ValidationLessThanError((1 if self.specular == Vlf.Specular.trace else 0), self.resample, self._io, u"/types/record/seq/16")
+                raise kaitaistruct.ValidationLessThanError((1 if self.specular == Vlf.Specular.trace else 0), self.resample, self._io, u"/types/record/seq/17")
             if not self.resample <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.resample, self._io, u"/types/record/seq/16")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.resample, self._io, u"/types/record/seq/17")
             self.target_error = self._io.read_f8le()
             if not self.target_error >= 0:
-                raise kaitaistruct.ValidationLessThanError(0, self.target_error, self._io, u"/types/record/seq/17")
+                raise kaitaistruct.ValidationLessThanError(0, self.target_error, self._io, u"/types/record/seq/18")
             if not self.target_error <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.target_error, self._io, u"/types/record/seq/17")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.target_error, self._io, u"/types/record/seq/18")
             self.scene_hash = self._io.read_bytes(16)
             self.phase = KaitaiStream.resolve_enum(Vlf.Phase, self._io.read_u4le())
             if not isinstance(self.phase, Vlf.Phase):
-                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/19")
+                raise kaitaistruct.ValidationNotInEnumError(self.phase, self._io, u"/types/record/seq/20")
             self.cycle = self._io.read_u4le()
             self.len_done = self._io.read_u8le()
             if not self.len_done == (self.num_directions + 7) // 8:
-                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/21")
+                raise kaitaistruct.ValidationNotEqualError((self.num_directions + 7) // 8, self.len_done, self._io, u"/types/record/seq/22")
             self.done = self._io.read_bytes(self.len_done)
             self.sequence = self._io.read_u8le()
             self.has_sums = self._io.read_u1()
             if not self.has_sums <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/24")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sums, self._io, u"/types/record/seq/25")
             self.num_ledgers = self._io.read_u8le()
             self.ledgers = []
             for i in range(self.num_ledgers):
@@ -530,7 +533,7 @@ class Vlf(KaitaiStruct):
             self.noise = self._io.read_f8le()
             self.num_worst = self._io.read_u8le()
             if not self.num_worst <= 64:
-                raise kaitaistruct.ValidationGreaterThanError(64, self.num_worst, self._io, u"/types/record/seq/31")
+                raise kaitaistruct.ValidationGreaterThanError(64, self.num_worst, self._io, u"/types/record/seq/32")
             self.worst = []
             for i in range(self.num_worst):
                 self.worst.append(Vlf.Record.SurfaceError(self._io, self, self._root))
@@ -550,7 +553,7 @@ class Vlf(KaitaiStruct):
             self.wait = self._io.read_f8le()
             self.has_sync = self._io.read_u1()
             if not self.has_sync <= 1:
-                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/46")
+                raise kaitaistruct.ValidationGreaterThanError(1, self.has_sync, self._io, u"/types/record/seq/47")
             if self.has_sync == 1:
                 pass
                 self.sync = self._io.read_f8le()
@@ -559,7 +562,7 @@ class Vlf(KaitaiStruct):
             self.end = self._io.read_bytes(0)
             _ = self.end
             if not self._io.is_eof():
-                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/49")
+                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/record/seq/50")
 
 
         def _fetch_instances(self):
@@ -653,7 +656,7 @@ class Vlf(KaitaiStruct):
             if hasattr(self, '_m_len_identity'):
                 return self._m_len_identity
 
-            self._m_len_identity = (91 + 4 * self.has_cycles) + 4 * self.num_perturbations
+            self._m_len_identity = (92 + 4 * self.has_cycles) + 4 * self.num_perturbations
             return getattr(self, '_m_len_identity', None)
 
 

@@ -23,6 +23,7 @@ fn field(path: &Path, stop: bool) {
         perturbations: vec![1],
         texel_cells: 1.0,
         refined: 1.0,
+        supersample: false,
         filter: 0,
         one_sided: false,
         ..Parameters::default()
