@@ -5,6 +5,8 @@
 
 use super::lightfield::LightField;
 use super::maps::Map;
+use super::recent::{Key, Recent};
+use crate::directions::Near;
 use crate::format::FormatError;
 use crate::format::container::NO_DIRECTION;
 use crate::gather::{Around, Cells, Lookup, mirrored};
@@ -34,6 +36,7 @@ pub struct Accessor<'a> {
     /// The lookup that needed each last.
     used: [u64; REMEMBERED],
     lookups: u64,
+    cells: Recent,
 }
 
 impl<'a> Accessor<'a> {
@@ -47,6 +50,7 @@ impl<'a> Accessor<'a> {
             maps: [const { None }; REMEMBERED],
             used: [0; REMEMBERED],
             lookups: 0,
+            cells: Recent::default(),
         }
     }
 
@@ -122,9 +126,11 @@ impl<'a> Accessor<'a> {
         }
         Ok(around.blend(point, |k| {
             let map = self.maps[places[k]?].as_ref()?;
-            let lookup = Lookup::new(map.tiles(), surface, around.near[k].sense);
+            let Near { direction, sense, .. } = around.near[k];
+            let lookup = Lookup::new(map.tiles(), surface, sense);
             let (psf, texture) = (&around.psfs[k], &self.texture);
-            Some(Shown { lookup, map, psf, texture, under: None })
+            let (recent, key) = (&self.cells, Key::new(direction.0, surface, sense));
+            Some(Shown { recent, key, lookup, map, psf, texture, under: None })
         }))
     }
 
@@ -154,6 +160,8 @@ impl<'a> Accessor<'a> {
 
 /// Cells of a surface as a map has them, or as the texture map has them that it leaves them to.
 struct Shown<'a> {
+    recent: &'a Recent,
+    key: Key,
     lookup: Lookup<'a>,
     map: &'a Map,
     psf: &'a Psf,
@@ -165,17 +173,27 @@ struct Shown<'a> {
 impl Cells for Shown<'_> {
     #[inline]
     fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
-        let (seen, inside) = self.lookup.seen(i, j)?;
-        let stored = seen.radiance(inside)?;
-        match seen.is_textured() {
-            false => Some(stored),
-            true => self.textured(Cell { i: i as u32, j: j as u32 }),
+        let n = self.psf.resolution;
+        let (i, j) = (i as u32, j as u32);
+        if i >= n || j >= n {
+            return None;
         }
+        let (recent, key) = (self.recent, self.key.at(j * n + i));
+        recent.or_look(key, || self.looked_up(Cell { i, j }))
     }
 }
 
 impl Shown<'_> {
     #[inline(never)]
+    fn looked_up(&mut self, cell: Cell) -> Option<Rgb> {
+        let (seen, inside) = self.lookup.seen(cell.i as i32, cell.j as i32)?;
+        let stored = seen.radiance(inside)?;
+        match seen.is_textured() {
+            false => Some(stored),
+            true => self.textured(cell),
+        }
+    }
+
     fn textured(&mut self, cell: Cell) -> Option<Rgb> {
         let (surface, sense) = self.lookup.of();
         if self.under.is_none() {

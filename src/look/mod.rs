@@ -12,6 +12,8 @@ pub mod cache;
 
 pub mod maps;
 
+pub mod recent;
+
 pub mod accessor;
 
 pub mod lightfield;
