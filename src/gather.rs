@@ -79,6 +79,12 @@ pub trait Cells {
     /// Radiance in a column and row, W sr^-1 m^-2; `None` where the surface does not cover the cell or
     /// there is none.
     fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb>;
+
+    /// The same of this cell, the one to the right of it, the one below it, and that between these.
+    #[inline]
+    fn four(&mut self, i: i32, j: i32) -> [Option<Rgb>; 4] {
+        [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|(i, j)| self.radiance(i, j))
+    }
 }
 
 /// A surface's cells, taken out of a tile map, so that the map need not be held.
@@ -153,11 +159,10 @@ fn between_cells(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Option<Rgb> 
     let (i, j) = (down(x), down(y));
     let (fx, fy) = (x - i as f32, y - j as f32);
     let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-    let inner = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
     let mut sum = Rgb::BLACK;
     let mut weight = 0.0;
-    for ((i, j), w) in inner.into_iter().zip(weights) {
-        if let Some(radiance) = cells.radiance(i, j) {
+    for (radiance, w) in cells.four(i, j).into_iter().zip(weights) {
+        if let Some(radiance) = radiance {
             // A cell that alone is found counts even where its bilinear weight vanishes.
             let w = w.max(1e-4);
             sum += radiance * w;

@@ -36,7 +36,7 @@ pub struct Accessor<'a> {
     /// The lookup that needed each last.
     used: [u64; REMEMBERED],
     lookups: u64,
-    cells: Recent,
+    recent: Recent,
 }
 
 impl<'a> Accessor<'a> {
@@ -50,7 +50,7 @@ impl<'a> Accessor<'a> {
             maps: [const { None }; REMEMBERED],
             used: [0; REMEMBERED],
             lookups: 0,
-            cells: Recent::default(),
+            recent: Recent::default(),
         }
     }
 
@@ -129,7 +129,7 @@ impl<'a> Accessor<'a> {
             let Near { direction, sense, .. } = around.near[k];
             let lookup = Lookup::new(map.tiles(), surface, sense);
             let (psf, texture) = (&around.psfs[k], &self.texture);
-            let (recent, key) = (&self.cells, Key::new(direction.0, surface, sense));
+            let (recent, key) = (&self.recent, Key::new(direction.0, (surface, sense), [0; 2]));
             Some(Shown { recent, key, lookup, map, psf, texture, under: None })
         }))
     }
@@ -173,27 +173,23 @@ struct Shown<'a> {
 impl Cells for Shown<'_> {
     #[inline]
     fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
-        let n = self.psf.resolution;
-        let (i, j) = (i as u32, j as u32);
-        if i >= n || j >= n {
-            return None;
+        let (seen, inside) = self.lookup.seen(i, j)?;
+        let stored = seen.radiance(inside)?;
+        match seen.is_textured() {
+            false => Some(stored),
+            true => self.textured(Cell { i: i as u32, j: j as u32 }),
         }
-        let (recent, key) = (self.recent, self.key.at(j * n + i));
-        recent.or_look(key, || self.looked_up(Cell { i, j }))
+    }
+
+    #[inline]
+    fn four(&mut self, i: i32, j: i32) -> [Option<Rgb>; 4] {
+        let (recent, first) = (self.recent, self.key.at(i, j));
+        recent.four(first, |i, j| self.radiance(i, j))
     }
 }
 
 impl Shown<'_> {
     #[inline(never)]
-    fn looked_up(&mut self, cell: Cell) -> Option<Rgb> {
-        let (seen, inside) = self.lookup.seen(cell.i as i32, cell.j as i32)?;
-        let stored = seen.radiance(inside)?;
-        match seen.is_textured() {
-            false => Some(stored),
-            true => self.textured(cell),
-        }
-    }
-
     fn textured(&mut self, cell: Cell) -> Option<Rgb> {
         let (surface, sense) = self.lookup.of();
         if self.under.is_none() {
