@@ -13,7 +13,7 @@ use crate::format::tiles::{Seen, TileMap};
 use crate::ids::{Cell, Sense, SurfaceId};
 use crate::psf::Psf;
 use crate::radiance::Rgb;
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// The three directions around a vector, as seen from one side of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -49,23 +49,22 @@ impl Around {
         surface: SurfaceId,
         point: Vec3,
     ) -> Option<Rgb> {
-        self.blend(point, |k| maps[k].map(|map| Lookup::new(map, surface, self.near[k].sense)))
+        self.blend(|k| {
+            let mut cells = Lookup::new(maps[k]?, surface, self.near[k].sense);
+            between_cells(&mut cells, &self.psfs[k], point)
+        })
     }
 
-    /// The same from cells that are at hand; `cells` is asked for those of each of the three.
-    pub fn blend<C: Cells>(
-        &self,
-        point: Vec3,
-        mut cells: impl FnMut(usize) -> Option<C>,
-    ) -> Option<Rgb> {
+    /// The same from what each of the three shows.
+    #[inline]
+    pub fn blend(&self, mut shown: impl FnMut(usize) -> Option<Rgb>) -> Option<Rgb> {
         let mut sum = Rgb::BLACK;
         let mut weight = 0.0;
-        for (k, (near, psf)) in self.near.iter().zip(&self.psfs).enumerate() {
+        for (k, near) in self.near.iter().enumerate() {
             if near.weight <= 0.0 {
                 continue;
             }
-            let Some(mut cells) = cells(k) else { continue };
-            if let Some(radiance) = between_cells(&mut cells, psf, point) {
+            if let Some(radiance) = shown(k) {
                 sum += radiance * near.weight;
                 weight += near.weight;
             }
@@ -82,9 +81,19 @@ pub trait Cells {
 
     /// The same of this cell, the one to the right of it, the one below it, and that between these.
     #[inline]
-    fn four(&mut self, i: i32, j: i32) -> [Option<Rgb>; 4] {
-        [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|(i, j)| self.radiance(i, j))
+    fn four(&mut self, i: i32, j: i32) -> Four {
+        four(i, j, |i, j| self.radiance(i, j))
     }
+}
+
+/// Four cells: red, green, blue and 1 of each, or nothing but 0 where the surface does not cover it.
+pub type Four = [Vec4; 4];
+
+/// Four cells of a grid, by column and row.
+#[inline]
+pub fn four(i: i32, j: i32, mut radiance: impl FnMut(i32, i32) -> Option<Rgb>) -> Four {
+    let all = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
+    all.map(|(i, j)| radiance(i, j).map_or(Vec4::ZERO, |rgb| Vec3::from(rgb.0).extend(1.0)))
 }
 
 /// A surface's cells, taken out of a tile map, so that the map need not be held.
@@ -151,7 +160,8 @@ pub fn mirrored(outgoing: Vec3, normal: Vec3) -> Vec3 {
 
 /// Bilinear between the four cells around the point that belong to the surface, or the mean of those
 /// one ring farther out when none of the four does.
-fn between_cells(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Option<Rgb> {
+#[inline]
+pub fn between_cells(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Option<Rgb> {
     let at = psf.project(point);
     let (x, y) = (at.x - 0.5, at.y - 0.5);
     // Rounded down, without the call that it is where a processor may lack the instruction.
@@ -159,19 +169,14 @@ fn between_cells(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Option<Rgb> 
     let (i, j) = (down(x), down(y));
     let (fx, fy) = (x - i as f32, y - j as f32);
     let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+    // A cell that alone is found counts even where its bilinear weight vanishes.
+    let parts = cells.four(i, j).into_iter().zip(weights).map(|(cell, w)| cell * w.max(1e-4));
+    let found: Vec4 = parts.sum();
+    if found.w > 0.0 {
+        return Some(Rgb((found / found.w).truncate().to_array()));
+    }
     let mut sum = Rgb::BLACK;
     let mut weight = 0.0;
-    for (radiance, w) in cells.four(i, j).into_iter().zip(weights) {
-        if let Some(radiance) = radiance {
-            // A cell that alone is found counts even where its bilinear weight vanishes.
-            let w = w.max(1e-4);
-            sum += radiance * w;
-            weight += w;
-        }
-    }
-    if weight > 0.0 {
-        return Some(sum / weight);
-    }
     for (di, dj) in RING {
         if let Some(radiance) = cells.radiance(i + di, j + dj) {
             sum += radiance;

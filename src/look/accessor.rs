@@ -9,7 +9,7 @@ use super::recent::{Key, Recent};
 use crate::directions::Near;
 use crate::format::FormatError;
 use crate::format::container::NO_DIRECTION;
-use crate::gather::{Around, Cells, Lookup, mirrored};
+use crate::gather::{Around, Cells, Four, Lookup, between_cells, mirrored};
 use crate::ids::{Cell, Side, SurfaceId};
 use crate::psf::Psf;
 use crate::radiance::Rgb;
@@ -124,13 +124,15 @@ impl<'a> Accessor<'a> {
                 *place = Some(self.place(near.direction.0)?);
             }
         }
-        Ok(around.blend(point, |k| {
-            let map = self.maps[places[k]?].as_ref()?;
+        let (maps, recent) = (&self.maps, &mut self.recent);
+        Ok(around.blend(|k| {
+            let map = maps[places[k]?].as_ref()?;
             let Near { direction, sense, .. } = around.near[k];
             let lookup = Lookup::new(map.tiles(), surface, sense);
             let (psf, texture) = (&around.psfs[k], &self.texture);
-            let (recent, key) = (&self.recent, Key::new(direction.0, (surface, sense), [0; 2]));
-            Some(Shown { recent, key, lookup, map, psf, texture, under: None })
+            let key = Key::new(direction.0, (surface, sense), [0; 2]);
+            let shown = Shown { lookup, map, psf, texture, under: None };
+            between_cells(&mut Remembered { recent, key, shown }, psf, point)
         }))
     }
 
@@ -160,8 +162,6 @@ impl<'a> Accessor<'a> {
 
 /// Cells of a surface as a map has them, or as the texture map has them that it leaves them to.
 struct Shown<'a> {
-    recent: &'a Recent,
-    key: Key,
     lookup: Lookup<'a>,
     map: &'a Map,
     psf: &'a Psf,
@@ -180,11 +180,24 @@ impl Cells for Shown<'_> {
             true => self.textured(Cell { i: i as u32, j: j as u32 }),
         }
     }
+}
+
+/// The same, as far as it is not remembered.
+struct Remembered<'a, 'b> {
+    recent: &'b mut Recent,
+    /// Any cell of the grid.
+    key: Key,
+    shown: Shown<'a>,
+}
+
+impl Cells for Remembered<'_, '_> {
+    fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
+        self.shown.radiance(i, j)
+    }
 
     #[inline]
-    fn four(&mut self, i: i32, j: i32) -> [Option<Rgb>; 4] {
-        let (recent, first) = (self.recent, self.key.at(i, j));
-        recent.four(first, |i, j| self.radiance(i, j))
+    fn four(&mut self, i: i32, j: i32) -> Four {
+        self.recent.four(self.key.at(i, j), |i, j| self.shown.radiance(i, j))
     }
 }
 

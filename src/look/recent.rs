@@ -4,9 +4,9 @@
 //! Each place of a memory holds what came to it last, so that asking again costs one comparison. What a
 //! cell shows never changes while a field is open.
 
+use crate::gather::{Four, four};
 use crate::ids::{Sense, SurfaceId};
 use crate::radiance::Rgb;
-use std::cell::Cell as Slot;
 
 /// Which cell: one of a direction's grid, as a surface shows it in a sense.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,16 +35,14 @@ impl Key {
     }
 }
 
-/// What cells show, `None` where the surface does not cover them.
+/// What cells show.
 pub struct Recent {
     /// The four cells around the point that was looked up last in a grid: that of the next pixel, as a
     /// rule, lies between the same.
-    fours: Box<[Known<[Option<Rgb>; 4]>]>,
+    fours: Box<[(Option<Key>, Four)]>,
     /// Cells. They stay in a core's own cache.
-    cells: Box<[Known<Option<Rgb>>]>,
+    cells: Box<[(Option<Key>, Option<Rgb>)]>,
 }
-
-type Known<T> = Slot<Option<(Key, T)>>;
 
 /// How many of each are remembered: powers of two.
 const FOURS: usize = 1 << 6;
@@ -53,8 +51,8 @@ const CELLS: usize = 1 << 13;
 impl Default for Recent {
     fn default() -> Recent {
         Recent {
-            fours: vec![Slot::new(None); FOURS].into_boxed_slice(),
-            cells: vec![Slot::new(None); CELLS].into_boxed_slice(),
+            fours: vec![Default::default(); FOURS].into_boxed_slice(),
+            cells: vec![Default::default(); CELLS].into_boxed_slice(),
         }
     }
 }
@@ -62,33 +60,24 @@ impl Default for Recent {
 impl Recent {
     /// What a cell shows, and those to the right of it, below it, and both.
     #[inline]
-    pub fn four(
-        &self,
-        first: Key,
-        mut look: impl FnMut(i32, i32) -> Option<Rgb>,
-    ) -> [Option<Rgb>; 4] {
-        known(&self.fours[first.grid() as usize % FOURS], first, || {
-            let [i, j] = first.cell;
-            [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|(i, j)| {
-                let key = first.at(i, j);
-                let row = key.grid().wrapping_add((97 * j) as u32);
-                let slot = &self.cells[row.wrapping_add(i as u32) as usize % CELLS];
-                known(slot, key, || look(i, j))
-            })
-        })
-    }
-}
-
-/// What a place remembers of a key, looked up and remembered if it has come to hold another's.
-#[inline]
-fn known<T: Copy>(slot: &Known<T>, key: Key, look: impl FnOnce() -> T) -> T {
-    match slot.get() {
-        Some((of, value)) if of == key => value,
-        _ => {
-            let value = look();
-            slot.set(Some((key, value)));
-            value
+    pub fn four(&mut self, first: Key, look: impl FnMut(i32, i32) -> Option<Rgb>) -> Four {
+        let place = first.grid() as usize % FOURS;
+        if self.fours[place].0 != Some(first) {
+            self.fours[place] = (Some(first), self.cell_by_cell(first, look));
         }
+        self.fours[place].1
+    }
+
+    #[inline(never)]
+    fn cell_by_cell(&mut self, first: Key, mut look: impl FnMut(i32, i32) -> Option<Rgb>) -> Four {
+        four(first.cell[0], first.cell[1], |i, j| {
+            let key = first.at(i, j);
+            let place = key.grid().wrapping_add((97 * j + i) as u32) as usize % CELLS;
+            if self.cells[place].0 != Some(key) {
+                self.cells[place] = (Some(key), look(i, j));
+            }
+            self.cells[place].1
+        })
     }
 }
 
@@ -103,7 +92,7 @@ mod tests {
         fn each_cell_has_its_own_value(
             asked in prop::collection::vec((0u32..40, 0u32..9, any::<bool>(), -1i32..200, -1i32..200), 1..4000),
         ) {
-            let recent = Recent::default();
+            let mut recent = Recent::default();
             for (direction, surface, along, i, j) in asked {
                 let sense = if along { Sense::Along } else { Sense::Against };
                 let own = |i: i32, j: i32| {
@@ -111,7 +100,7 @@ mod tests {
                     ((i + j) % 7 > 0).then_some(own)
                 };
                 let key = Key::new(direction, (SurfaceId(surface), sense), [i, j]);
-                let all = [own(i, j), own(i + 1, j), own(i, j + 1), own(i + 1, j + 1)];
+                let all = four(i, j, own);
                 prop_assert_eq!(recent.four(key, own), all);
                 prop_assert_eq!(recent.four(key, |_, _| unreachable!()), all);
             }

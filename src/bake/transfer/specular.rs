@@ -9,7 +9,7 @@ use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::Pages;
 use crate::format::container::ChunkKind;
-use crate::gather::{Around, Excerpt, mirrored};
+use crate::gather::{Around, Excerpt, between_cells, mirrored};
 use crate::ids::{Side, SurfaceId};
 use crate::radiance::Rgb;
 use crate::scene::Scene;
@@ -69,7 +69,9 @@ impl MirrorSender {
         if self.arrived.iter().all(Option::is_none) {
             return Some(self.emitted);
         }
-        let arrived = self.around.blend(point, |k| self.arrived[k].as_ref())?;
+        let arrived = self.around.blend(|k| {
+            between_cells(&mut self.arrived[k].as_ref()?, &self.around.psfs[k], point)
+        })?;
         Some(arrived * self.factor + self.emitted)
     }
 }
