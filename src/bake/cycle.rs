@@ -4,26 +4,29 @@
 //! the state of a bake is the committed generation, the sums so far and the set of directions they
 //! hold, and any interruption costs at most the time since the last commit.
 
+mod progress;
+
+mod rounds;
+
+mod sums;
+
 use super::ahead::{Wanted, ahead};
-use super::estimate::{Errors, Totals, by_surface, estimate, grids_of_half, is_enough};
-use super::layers::{Outlines, SPLIT};
-use super::ledger::{Tally, Units, account, open_areas, received, texture_power};
+use super::estimate::{Errors, Totals, by_surface};
+use super::layers::Outlines;
+use super::ledger::{Tally, Units, account, received, texture_power};
 use super::memory::Need;
 use super::reach::{self, SWEEPS, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
-use super::transfer::diffuse::{diffuse_factor, next_textures};
-use super::transfer::{self, Fixed, Quantum};
-use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, Progress, count_run};
+use super::transfer::diffuse::diffuse_factor;
+use super::transfer::{Fixed, Quantum};
+use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, count_run};
 use crate::directions::Directions;
-use crate::field::files::BLOCK;
 use crate::field::pages::{Pages, Spare};
 use crate::field::writer::{self, Maps};
 use crate::field::{Field, FieldError};
-use crate::format::Fault;
-use crate::format::bytes::{Reader, Writer};
 use crate::format::container::{ChunkKind, FileKind, NO_DIRECTION};
-use crate::format::manifest::{CycleLedger, ErrorEstimate, Grids, Parameters, Phase};
+use crate::format::manifest::{CycleLedger, Parameters, Phase};
 use crate::format::names;
 use crate::ids::DirectionId;
 use crate::paths::{MAX_DEPTH, Paths};
@@ -32,7 +35,6 @@ use crate::scene::Scene;
 use crate::scene::areas::areas;
 use crate::scene::texels::Texels;
 use crate::visible::Visible;
-use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -63,20 +65,8 @@ pub struct Bake<'a> {
     done_before: u32,
 }
 
-/// What a direction takes in all of them, in PSFs of the propagation.
-const PREPARING: f64 = 1.5;
-
-/// What a direction's total map takes, in PSFs of the propagation.
-const TOTALS: f64 = 2.0;
-
-/// What a windowed PSF takes, in whole ones.
-const WINDOWED: f64 = 0.25;
-
 /// Senders are few when they have less than this part of all area.
 const FEW: f64 = 0.25;
-
-/// Rounds of a cycle after which it may have lines enough.
-const ROUNDS: u32 = 8;
 
 /// What the lines of a cycle have brought.
 struct Brought {
@@ -137,7 +127,7 @@ impl<'a> Bake<'a> {
         let sync = options.terms.sync.then_some(options.commit_every);
         bake.field.manifest_mut().statistics.sync = sync;
         bake.sealed = bake.reach();
-        bake.end_step(PREPARING);
+        bake.end_step(progress::PREPARING);
         Ok(bake)
     }
 
@@ -340,106 +330,6 @@ impl<'a> Bake<'a> {
         follows.then(|| Visible::of(self.scene, |id| senders[id.index()]))
     }
 
-    /// What some PSFs of a direction take in a cycle, in such that are rasterised whole.
-    fn work_of(&self, cycle: u32, grids: Range<u32>) -> f64 {
-        let own = f64::from(u32::from(grids.start == 0));
-        let turned = grids.len() as f64 - own;
-        let turned = turned * if self.few_senders(cycle).is_some() { WINDOWED } else { 1.0 };
-        let part = Grids { perturbations: 1, ..self.parameters.grids(cycle) }.per_line();
-        (own + turned) * part
-    }
-
-    /// The PSFs of each direction in the round under way: all of a cycle, unless an error is aimed at.
-    fn round(&self, cycle: u32) -> Range<u32> {
-        let before = self.field.manifest().grids.get(cycle as usize).copied().unwrap_or(0);
-        let most = self.parameters.grids(cycle).perturbations;
-        match self.parameters.target_error > 0.0 {
-            true => before..(before + most.div_ceil(ROUNDS)).min(most),
-            false => before..most,
-        }
-    }
-
-    /// Whether a cycle has all its lines. Where the round under way has ended and these are not enough,
-    /// the next one begins.
-    fn is_over(&mut self, own: &Mutex<Scratch>, few_send: bool) -> Result<bool, BakeError> {
-        if !self.all_done() {
-            return Ok(false);
-        }
-        let cycle = self.field.manifest().cycle;
-        let round = self.round(cycle);
-        if round.end == self.parameters.grids(cycle).perturbations {
-            return Ok(true);
-        }
-        let sums = &mut lock(own).sums;
-        let [half, all] = sums;
-        add_sums(all, half, 1);
-        let brought = self.brought([half, all], round.end, few_send);
-        add_sums(all, half, -1);
-        let (total, half) = self.totals_with(&brought)?;
-        let error = self.error(&brought.open, &total, &half);
-        if is_enough(&error, self.parameters.target_error, cycle) {
-            return Ok(true);
-        }
-        self.end_step(self.work_of(cycle, round.clone()));
-        let manifest = self.field.manifest_mut();
-        manifest.done.fill(0);
-        manifest.grids[cycle as usize] = round.end;
-        self.begin_step();
-        Ok(false)
-    }
-
-    /// What the lines of a cycle have brought: from the sums of half of them and of all, each direction
-    /// standing for so many PSFs.
-    fn brought(&self, [half, all]: [&[Fixed]; 2], grids: u32, few_send: bool) -> Brought {
-        let thinned = self.parameters.grids(self.field.manifest().cycle).thinned;
-        // A whole texel meets lines in proportion to its projected area: pi sr in all.
-        let lines = std::f64::consts::PI / (self.share(thinned) * self.ray());
-        let repeats = f64::from(grids);
-        // Of few senders, only the lines of the unperturbed PSFs are counted.
-        let values = 2 * self.texels.len();
-        let counted = lines * if few_send { 1.0 } else { repeats };
-        let is_cut = |texel| self.texels.cuts.is_cut(texel);
-        let open = open_areas(&self.areas, &all[..values], counted, is_cut);
-        let next = |sums: &[Fixed], repeats: f64| {
-            let struck = |value: usize| match few_send {
-                true => repeats * lines * open[value],
-                false => transfer::lines(&sums[value]),
-            };
-            let how = (self.parameters.filter, self.parameters.one_sided);
-            let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
-            next_textures(self.scene, self.texels, (sums, self.quantum), lines, how)
-        };
-        let (next, half) = self.pool.join(
-            || next(all, repeats),
-            || next(half, grids_of_half(self.directions, thinned, grids)),
-        );
-        Brought { next, half, open }
-    }
-
-    /// Area that a ray stands for, in the fitted scene's units squared.
-    fn ray(&self) -> f64 {
-        let parts = if self.parameters.supersample { SPLIT } else { 1 };
-        f64::from(2.0 / (parts * self.parameters.resolution) as f32).powi(2)
-    }
-
-    /// Solid angle of a share of the lines of a cycle, sr.
-    fn share(&self, thinned: u32) -> f64 {
-        self.directions.share() * 4f64.powi(thinned as i32)
-    }
-
-    fn error(&self, open: &[f64], all: &[Rgb], half: &[Rgb]) -> ErrorEstimate {
-        estimate(self.scene, self.texels, open, Totals { all, half })
-    }
-
-    /// The total texture maps, of all lines and of half of them, with what a cycle has brought.
-    fn totals_with(&self, brought: &Brought) -> Result<(Vec<Rgb>, Vec<Rgb>), FieldError> {
-        let mut total = self.texture(ChunkKind::TotalTexture)?;
-        let mut half = self.texture(ChunkKind::HalfTexture)?;
-        total.iter_mut().zip(&brought.next).for_each(|(t, n)| *t += *n);
-        half.iter_mut().zip(&brought.half).for_each(|(t, n)| *t += *n);
-        Ok((total, half))
-    }
-
     fn all_done(&self) -> bool {
         self.field.manifest().done_count() == self.parameters.directions
     }
@@ -501,125 +391,11 @@ impl<'a> Bake<'a> {
         Ok((done, if stop() { Walk::Stopped } else { Walk::Done }))
     }
 
-    /// Tells how far the bake has come: `done` directions of the step under way.
-    fn report(&self, preparing: bool, done: u32) {
-        let manifest = self.field.manifest();
-        let unshot = unshot_fractions(&manifest.ledger);
-        let lines = f64::from(self.parameters.directions);
-        let inside = f64::from(done) / lines;
-        let cycle = manifest.cycle;
-        let grids = |cycles: Range<u32>| -> f64 {
-            cycles.map(|c| lines * self.work_of(c, 0..self.parameters.grids(c).perturbations)).sum()
-        };
-        let (own, later) = match manifest.phase {
-            Phase::Propagating => {
-                let end = self.expected_cycles(&unshot).max(cycle + 1);
-                let round = self.round(cycle);
-                let most = self.parameters.grids(cycle).perturbations;
-                let rest = lines * self.work_of(cycle, round.end..most);
-                let later = rest + grids(cycle + 1..end) + TOTALS * lines;
-                (lines * self.work_of(cycle, round), later)
-            }
-            _ => (TOTALS * lines, 0.0),
-        };
-        // Before the step begins, all of it that is not done yet is left as well.
-        let (step, left) = if preparing {
-            let done = f64::from(manifest.done_count()) / lines;
-            (PREPARING * lines, own * (1.0 - done) + later)
-        } else {
-            (own, later)
-        };
-        let before = f64::from(self.done_before) / lines;
-        (self.options.progress)(&Progress {
-            phase: manifest.phase,
-            cycle,
-            done,
-            directions: self.parameters.directions,
-            preparing,
-            unshot: unshot.last().copied().unwrap_or(1.0),
-            work: self.work + step * (inside - before),
-            work_left: step * (1.0 - inside) + left,
-        });
-    }
-
-    /// Cycles in all, from the fall of the unshot power so far.
-    fn expected_cycles(&self, unshot: &[f64]) -> u32 {
-        if let Some(cycles) = self.parameters.cycles {
-            return cycles;
-        }
-        // Before the first cycle: as if half of the light were absorbed.
-        let (before, last) = match unshot {
-            [] => (1.0, 0.5),
-            [only] => (1.0, *only),
-            [.., before, last] => (*before, *last),
-        };
-        let fall = (last / before).clamp(1e-3, 0.999);
-        let now = unshot.last().copied().unwrap_or(1.0).max(f64::MIN_POSITIVE);
-        let more = (self.parameters.unshot_fraction / now).ln() / fall.ln();
-        (unshot.len() as u32 + more.max(0.0).ceil() as u32).min(MOST_CYCLES)
-    }
-
-    /// Begins a step, of which some directions may be done: only what this run does counts as its work.
-    fn begin_step(&mut self) {
-        self.done_before = self.field.manifest().done_count();
-    }
-
-    /// Ends a step of so many PSFs a direction.
-    fn end_step(&mut self, grids: f64) {
-        self.work += grids * f64::from(self.parameters.directions - self.done_before);
-        self.done_before = 0;
-    }
-
     /// Adds the time since the last call to the field's own.
     fn count_seconds(&mut self) {
         let seconds = self.counted.elapsed().as_secs_f64();
         self.counted = Instant::now();
         self.field.manifest_mut().statistics.seconds += seconds;
-    }
-
-    /// Commits the sums of a cycle under way.
-    fn checkpoint(&mut self, sums: &[Vec<Fixed>; 2], tally: &Tally) -> Result<(), BakeError> {
-        let values = 2 * self.texels.len();
-        let mut head = Writer::default();
-        tally.write(&mut head);
-        let length = (head.0.len() + 2 * values * size_of::<Fixed>()) as u64;
-        let parts = sums.iter().flat_map(|s| s[..values].chunks(BLOCK / size_of::<Fixed>()));
-        let blocks = parts.map(|part| {
-            let mut w = Writer(Vec::with_capacity(size_of_val(part)));
-            part.iter().flatten().for_each(|v| w.i64(*v));
-            w.0
-        });
-        self.field.write_sums(length, std::iter::once(head.0).chain(blocks))?;
-        self.count_seconds();
-        self.field.commit()?;
-        self.committed = Instant::now();
-        Ok(())
-    }
-
-    /// Reads the committed sums; returns the tally that belongs to them.
-    fn read_sums(&self, sums: &mut [Vec<Fixed>; 2]) -> Result<Tally, FieldError> {
-        // Numbers of each half, four a value.
-        let each = 8 * self.texels.len();
-        let count = 2 * each;
-        let (mut tally, mut rest, mut at) = (None, Vec::new(), 0);
-        self.field.read_sums(|block| {
-            rest.extend_from_slice(block);
-            let mut r = Reader::new(&rest);
-            if tally.is_none() {
-                tally = Some(Tally::read(&mut r)?);
-            }
-            while r.left() >= 8 && at < count {
-                sums[at / each][at % each / 4][at % 4] = r.i64()?;
-                at += 1;
-            }
-            let used = rest.len() - r.left();
-            rest.drain(..used);
-            Ok(())
-        })?;
-        match tally {
-            Some(tally) if at == count && rest.is_empty() => Ok(tally),
-            _ => Err(Fault::invalid("sums of another length").in_file("sums").into()),
-        }
     }
 
     /// Makes the next generation's texture maps, closes the ledger and commits.

@@ -1,0 +1,124 @@
+//! Rounds: a cycle's lines a part at a time, until they are enough, and what they have brought.
+
+use super::{Bake, Brought, add_sums, lock};
+use crate::bake::BakeError;
+use crate::bake::estimate::{Totals, estimate, grids_of_half, is_enough};
+use crate::bake::layers::SPLIT;
+use crate::bake::ledger::open_areas;
+use crate::bake::step::Scratch;
+use crate::bake::transfer::diffuse::next_textures;
+use crate::bake::transfer::{self, Fixed};
+use crate::field::FieldError;
+use crate::format::container::ChunkKind;
+use crate::format::manifest::ErrorEstimate;
+use crate::radiance::Rgb;
+use std::ops::Range;
+use std::sync::Mutex;
+
+/// Rounds of a cycle after which it may have lines enough.
+const ROUNDS: u32 = 8;
+
+impl Bake<'_> {
+    /// The PSFs of each direction in the round under way: all of a cycle, unless an error is aimed at.
+    pub(super) fn round(&self, cycle: u32) -> Range<u32> {
+        let before = self.field.manifest().grids.get(cycle as usize).copied().unwrap_or(0);
+        let most = self.parameters.grids(cycle).perturbations;
+        match self.parameters.target_error > 0.0 {
+            true => before..(before + most.div_ceil(ROUNDS)).min(most),
+            false => before..most,
+        }
+    }
+
+    /// Whether a cycle has all its lines. Where the round under way has ended and these are not enough,
+    /// the next one begins.
+    pub(super) fn is_over(
+        &mut self,
+        own: &Mutex<Scratch>,
+        few_send: bool,
+    ) -> Result<bool, BakeError> {
+        if !self.all_done() {
+            return Ok(false);
+        }
+        let cycle = self.field.manifest().cycle;
+        let round = self.round(cycle);
+        if round.end == self.parameters.grids(cycle).perturbations {
+            return Ok(true);
+        }
+        let sums = &mut lock(own).sums;
+        let [half, all] = sums;
+        add_sums(all, half, 1);
+        let brought = self.brought([half, all], round.end, few_send);
+        add_sums(all, half, -1);
+        let (total, half) = self.totals_with(&brought)?;
+        let error = self.error(&brought.open, &total, &half);
+        if is_enough(&error, self.parameters.target_error, cycle) {
+            return Ok(true);
+        }
+        self.end_step(self.work_of(cycle, round.clone()));
+        let manifest = self.field.manifest_mut();
+        manifest.done.fill(0);
+        manifest.grids[cycle as usize] = round.end;
+        self.begin_step();
+        Ok(false)
+    }
+
+    /// What the lines of a cycle have brought: from the sums of half of them and of all, each direction
+    /// standing for so many PSFs.
+    pub(super) fn brought(
+        &self,
+        [half, all]: [&[Fixed]; 2],
+        grids: u32,
+        few_send: bool,
+    ) -> Brought {
+        let thinned = self.parameters.grids(self.field.manifest().cycle).thinned;
+        // A whole texel meets lines in proportion to its projected area: pi sr in all.
+        let lines = std::f64::consts::PI / (self.share(thinned) * self.ray());
+        let repeats = f64::from(grids);
+        // Of few senders, only the lines of the unperturbed PSFs are counted.
+        let values = 2 * self.texels.len();
+        let counted = lines * if few_send { 1.0 } else { repeats };
+        let is_cut = |texel| self.texels.cuts.is_cut(texel);
+        let open = open_areas(&self.areas, &all[..values], counted, is_cut);
+        let next = |sums: &[Fixed], repeats: f64| {
+            let struck = |value: usize| match few_send {
+                true => repeats * lines * open[value],
+                false => transfer::lines(&sums[value]),
+            };
+            let how = (self.parameters.filter, self.parameters.one_sided);
+            let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
+            next_textures(self.scene, self.texels, (sums, self.quantum), lines, how)
+        };
+        let (next, half) = self.pool.join(
+            || next(all, repeats),
+            || next(half, grids_of_half(self.directions, thinned, grids)),
+        );
+        Brought { next, half, open }
+    }
+
+    /// Area that a ray stands for, in the fitted scene's units squared.
+    pub(super) fn ray(&self) -> f64 {
+        let parts = if self.parameters.supersample { SPLIT } else { 1 };
+        f64::from(2.0 / (parts * self.parameters.resolution) as f32).powi(2)
+    }
+
+    /// Solid angle of a share of the lines of a cycle, sr.
+    pub(super) fn share(&self, thinned: u32) -> f64 {
+        self.directions.share() * 4f64.powi(thinned as i32)
+    }
+
+    pub(super) fn error(&self, open: &[f64], all: &[Rgb], half: &[Rgb]) -> ErrorEstimate {
+        estimate(self.scene, self.texels, open, Totals { all, half })
+    }
+
+    /// The total texture maps, of all lines and of half of them, with what a cycle has brought.
+    pub(super) fn totals_with(
+        &self,
+        brought: &Brought,
+    ) -> Result<(Vec<Rgb>, Vec<Rgb>), FieldError> {
+        let mut total = self.texture(ChunkKind::TotalTexture)?;
+        let mut half = self.texture(ChunkKind::HalfTexture)?;
+        total.iter_mut().zip(&brought.next).for_each(|(t, n)| *t += *n);
+        half.iter_mut().zip(&brought.half).for_each(|(t, n)| *t += *n);
+        Ok((total, half))
+    }
+}
