@@ -15,12 +15,12 @@ import time
 import urllib.request
 
 import websocket
-from PIL import Image, ImageChops, ImageStat
+from common import PATIENCE, apart, until
+from PIL import Image, ImageStat
 
 WIDTH, HEIGHT = 320, 240
 # What a screen of 256 steps may be off in the mean: exact pictures are sent over a link like this one.
 CLOSE = 0.05
-PATIENCE = 60.0
 
 
 class Browser:
@@ -82,24 +82,6 @@ class Browser:
         self.value("delete document.getElementById('picture').dataset.pass")
         until(lambda: self.value("document.getElementById('picture').dataset.pass") == "1/16", what)
         time.sleep(0.2)
-
-
-def until(true, what):
-    """Waits for something, and returns it."""
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        found = true()
-        if found:
-            return found
-        time.sleep(0.05)
-    sys.exit(f"waited for {what} in vain")
-
-
-def apart(a, b):
-    """Mean absolute difference over pixels and channels, of 255."""
-    if a.size != b.size:
-        sys.exit(f"pictures of {a.size} and {b.size}")
-    return sum(ImageStat.Stat(ImageChops.difference(a, b)).mean) / 3.0
 
 
 def rendered(vlf, pack, camera, name):
