@@ -321,7 +321,7 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 fn tiny_scene() -> Scene {
-    let mut library = |_: &str| Ok(MTL.to_owned());
+    let mut library = |_: &str| Ok(MTL.into());
     Scene::from_text(Path::new("tiny.obj"), OBJ, &mut library).unwrap().0
 }
 

@@ -12,7 +12,7 @@ use super::memory::Need;
 use super::reach::{self, SWEEPS, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
-use super::transfer::diffuse::{diffuse_factor, next_textures};
+use super::transfer::diffuse::next_textures;
 use super::transfer::{self, Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, Progress, count_run};
 use crate::directions::Directions;
@@ -25,11 +25,12 @@ use crate::format::bytes::{Reader, Writer};
 use crate::format::container::{ChunkKind, FileKind, NO_DIRECTION};
 use crate::format::manifest::{CycleLedger, ErrorEstimate, Grids, Parameters, Phase};
 use crate::format::names;
-use crate::ids::DirectionId;
+use crate::ids::{DirectionId, SurfaceId};
 use crate::paths::{MAX_DEPTH, Paths};
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::areas::areas;
+use crate::scene::reflectances::Reflectances;
 use crate::scene::texels::Texels;
 use crate::visible::Visible;
 use std::ops::Range;
@@ -44,6 +45,7 @@ pub struct Bake<'a> {
     directions: &'a Directions,
     outlines: Outlines,
     areas: Vec<f32>,
+    reflectances: Reflectances,
     parameters: Parameters,
     field: Field,
     quantum: Quantum,
@@ -120,6 +122,7 @@ impl<'a> Bake<'a> {
             texels,
             directions,
             areas: home_areas(scene, texels, &outlines),
+            reflectances: pool.install(|| Reflectances::new(scene, texels)),
             outlines,
             parameters: field.manifest().parameters.clone(),
             field,
@@ -386,7 +389,8 @@ impl<'a> Bake<'a> {
             };
             let how = (self.parameters.filter, self.parameters.one_sided);
             let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
-            next_textures(self.scene, self.texels, (sums, self.quantum), lines, how)
+            let scene = (self.scene, &self.reflectances);
+            next_textures(scene, self.texels, (sums, self.quantum), lines, how)
         };
         let half = next(half, grids_of_half(self.directions, thinned, grids));
         Brought { next: next(all, repeats), half, open }
@@ -621,12 +625,12 @@ impl<'a> Bake<'a> {
         let scale = self.scene.fit.radius.powi(2);
         let diffuse_out = scale * texture_power(&brought.next, &brought.open);
         let one_sided = self.parameters.one_sided;
-        let factors: Vec<Rgb> =
-            self.scene.surface_ids().map(|id| diffuse_factor(self.scene, id)).collect();
         let received = received(sums, |value| {
             let back = value % 2 == 1;
-            let surface = self.texels.surface_of[value / 2] as usize;
-            if back && one_sided { Rgb::BLACK } else { factors[surface] }
+            let (texel, surface) = (value / 2, SurfaceId(self.texels.surface_of[value / 2]));
+            let first = self.texels.lattices[surface.index()].first as usize;
+            let is_dark = back && one_sided;
+            if is_dark { Rgb::BLACK } else { self.reflectances.at(surface, texel - first) }
         });
         let (diffuse_in, mirror_in) = match self.field.manifest().ledger.last() {
             Some(before) => (before.unshot_diffuse, before.unshot_mirror),
