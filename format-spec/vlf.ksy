@@ -456,6 +456,10 @@ types:
         type: surface(num_materials)
         repeat: expr
         repeat-expr: num_surfaces
+      - id: images
+        type: images(num_materials, num_surfaces)
+        if: not _io.eof
+        doc: Of textured scenes only.
       - id: end
         size: 0
         valid:
@@ -539,6 +543,96 @@ types:
             type: vector
             repeat: expr
             repeat-expr: num_corners
+      images:
+        doc: Images, and where they lie.
+        params:
+          - id: num_materials
+            type: u4
+          - id: num_surfaces
+            type: u4
+        seq:
+          - id: num_images
+            type: u4
+            valid:
+              min: 1
+          - id: images
+            type: image
+            repeat: expr
+            repeat-expr: num_images
+          - id: num_textures
+            type: u4
+            valid:
+              max: num_materials
+          - id: textures
+            type: texture
+            repeat: expr
+            repeat-expr: num_textures
+          - id: num_placements
+            type: u4
+            valid:
+              max: num_surfaces
+          - id: placements
+            type: placement
+            repeat: expr
+            repeat-expr: num_placements
+      image:
+        seq:
+          - id: width
+            type: u4
+            valid:
+              min: 1
+          - id: height
+            type: u4
+            valid:
+              min: 1
+          - id: pixels
+            size: 3 * width * height
+            doc: Red, green, blue of each, sRGB, row by row from the top.
+      texture:
+        doc: The image of a diffuse material.
+        seq:
+          - id: material
+            type: u4
+            valid:
+              expr: _ < _parent.num_materials
+          - id: image
+            type: u4
+            valid:
+              expr: _ < _parent.num_images
+          - id: clamp
+            type: u1
+            valid:
+              max: 3
+            doc: Bit 0 along rows, bit 1 across them; the image repeats where it is clear.
+          - id: tint
+            type: f4
+            repeat: expr
+            repeat-expr: 3
+            valid:
+              min: 0
+              max: 1
+      placement:
+        doc: Where the image of a surface's material lies on it, in edges of the image.
+        seq:
+          - id: surface
+            type: u4
+            valid:
+              expr: _ < _parent.num_surfaces
+          - id: origin
+            type: place
+          - id: along_u
+            type: place
+          - id: along_v
+            type: place
+      place:
+        seq:
+          - id: xy
+            type: f4
+            repeat: expr
+            repeat-expr: 2
+            valid:
+              min: -1e9
+              max: 1e9
       vector:
         doc: A point of the unit ball, or a direction.
         seq:

@@ -47,9 +47,10 @@ newmtl mirror\nillum 3\nKd 0 0 0\nKs 0.9 0.9 0.9
 
 /// The sound samples, and whether two makings are the same byte for byte. In the others only what
 /// they hold is: a compressor may find another frame for it, and a manifest says how long it took.
-const SOUND: [(&str, bool); 11] = [
+const SOUND: [(&str, bool); 12] = [
     ("manifest", false),
     ("scene", false),
+    (IMAGES, false),
     ("textures", false),
     ("sums", false),
     ("unshot.tiles", true),
@@ -60,6 +61,9 @@ const SOUND: [(&str, bool); 11] = [
     ("textured.vlf", false),
     ("mirrors.vlf", false),
 ];
+
+/// The scene of another field, with images.
+const IMAGES: &str = "images/scene";
 
 /// The packs that hold all of the field, and those that leave something to the texture map.
 const LOSSLESS: [&str; 3] = ["raw.vlf", "zstd.vlf", "planes.vlf"];
@@ -321,9 +325,27 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 fn tiny_scene() -> Scene {
-    let mut library = |_: &str| Ok(MTL.to_owned());
+    let mut library = |_: &str| Ok(MTL.into());
     Scene::from_text(Path::new("tiny.obj"), OBJ, &mut library).unwrap().0
 }
+
+/// The tiny scene with an image of two by two pixels on its floor, not repeated across its rows.
+fn tiny_scene_with_image() -> Scene {
+    let mut image = Vec::new();
+    let mut encoder = png::Encoder::new(&mut image, 2, 2);
+    encoder.set_color(png::ColorType::Rgb);
+    let mut writer = encoder.write_header().unwrap();
+    writer.write_image_data(&PIXELS).unwrap();
+    writer.finish().unwrap();
+    let obj = OBJ.replace("f 1 2 3 4", "vt 0 0\nvt 3 0\nvt 3 1\nvt 0 1\nf 1/1 2/2 3/3 4/4");
+    let mtl = MTL.replace("0.6 0.5 0.4", "0.6 0.5 0.4\nmap_Kd i.png");
+    let mut file =
+        |name: &str| Ok(if name == "i.png" { image.clone() } else { mtl.clone().into() });
+    Scene::from_text(Path::new("tiny.obj"), &obj, &mut file).unwrap().0
+}
+
+/// The image of [`tiny_scene_with_image`].
+const PIXELS: [u8; 12] = [255, 0, 0, 0, 255, 0, 0, 0, 255, 188, 188, 188];
 
 fn parameters() -> Parameters {
     Parameters {
@@ -348,6 +370,10 @@ fn parameters() -> Parameters {
 
 /// Bakes the tiny scene; stops in the given cycle after its first direction.
 fn bake_tiny(path: &Path, stop_in: Option<u32>) -> Outcome {
+    bake_scene(&tiny_scene(), path, stop_in)
+}
+
+fn bake_scene(scene: &Scene, path: &Path, stop_in: Option<u32>) -> Outcome {
     let stop = AtomicBool::new(false);
     let progress = |p: &bake::Progress| {
         if !p.preparing && p.phase == Phase::Propagating && Some(p.cycle) == stop_in {
@@ -364,7 +390,7 @@ fn bake_tiny(path: &Path, stop_in: Option<u32>) -> Outcome {
         terms: Terms::default(),
         force: false,
     };
-    bake::bake(&tiny_scene(), &parameters(), path, &options).unwrap()
+    bake::bake(scene, &parameters(), path, &options).unwrap()
 }
 
 /// The sound samples, made now.
@@ -375,6 +401,8 @@ fn made() -> &'static HashMap<&'static str, Vec<u8>> {
         let (field, half) = (folder.path().join("tiny.field"), folder.path().join("half.field"));
         assert_eq!(bake_tiny(&field, None), Outcome::Finished);
         assert_eq!(bake_tiny(&half, Some(1)), Outcome::Stopped);
+        let images = folder.path().join("images.field");
+        assert_eq!(bake_scene(&tiny_scene_with_image(), &images, Some(0)), Outcome::Stopped);
         let pack = |options| {
             let out = folder.path().join("tiny.vlf");
             vlf::pack::pack_from(&Disk::new(&field), &out, &options, &|_| ()).unwrap();
@@ -386,6 +414,7 @@ fn made() -> &'static HashMap<&'static str, Vec<u8>> {
         HashMap::from([
             ("manifest", read(half.join("manifest-1"))),
             ("scene", read(half.join("scene"))),
+            (IMAGES, read(images.join("scene"))),
             ("textures", read(half.join("textures-0001"))),
             ("sums", read(half.join("sums-00000003"))),
             ("unshot.tiles", read(half.join("unshot-0001/000000.tiles"))),
@@ -513,6 +542,7 @@ fn a_feature_required_to_write_does_not_keep_from_reading() {
 fn write_samples() {
     let folder = spec().join("samples");
     fs::create_dir_all(folder.join("damaged")).unwrap();
+    fs::create_dir_all(folder.join("images")).unwrap();
     for (name, bytes) in made() {
         fs::write(folder.join(name), bytes).unwrap();
     }
@@ -529,7 +559,7 @@ fn write_samples() {
 /// What the samples' chunks hold, for the fuzz targets to begin with.
 fn write_seeds() {
     let seeds = spec().with_file_name("fuzz").join("corpus-seeds");
-    for name in ["manifest", "scene", "unshot.tiles", "total.tiles", "raw.vlf"] {
+    for name in ["manifest", "scene", IMAGES, "unshot.tiles", "total.tiles", "raw.vlf"] {
         for (place, (id, bytes)) in contents(&made()[name]).1.into_iter().enumerate() {
             let target = match id.kind {
                 ChunkKind::Record => "manifest",
@@ -539,7 +569,11 @@ fn write_seeds() {
             };
             let write = |target: &str, bytes: &[u8]| {
                 fs::create_dir_all(seeds.join(target)).unwrap();
-                fs::write(seeds.join(target).join(format!("{name}-{place}")), bytes).unwrap();
+                fs::write(
+                    seeds.join(target).join(format!("{name}-{place}").replace('/', "-")),
+                    bytes,
+                )
+                .unwrap();
             };
             write(target, &bytes);
             if target == "tile" && name != "raw.vlf" {
@@ -834,10 +868,14 @@ fn the_record_is_as_specified() {
 }
 
 #[test]
-fn the_scene_is_as_specified() {
-    let bytes = contents(&sample("scene")).1.swap_remove(0).1;
-    let scene = tiny_scene();
-    let mut r = Bytes(&bytes);
+fn scenes_are_as_specified() {
+    for (name, scene) in [("scene", tiny_scene()), (IMAGES, tiny_scene_with_image())] {
+        let bytes = contents(&sample(name)).1.swap_remove(0).1;
+        is_as_specified(&mut Bytes(&bytes), &scene);
+    }
+}
+
+fn is_as_specified(r: &mut Bytes, scene: &Scene) {
     assert_eq!([r.f64(), r.f64(), r.f64()], scene.fit.centre.to_array());
     assert_eq!(r.f64(), scene.fit.radius);
     let rgb = |r: &mut Bytes| Rgb([r.f32(), r.f32(), r.f32()]);
@@ -846,15 +884,15 @@ fn the_scene_is_as_specified() {
     for material in &scene.materials {
         let length = r.u32() as usize;
         assert_eq!(r.take(length), material.name.as_bytes());
-        assert_eq!(rgb(&mut r), material.emitted);
+        assert_eq!(rgb(r), material.emitted);
         assert_eq!(r.u8() == 1, material.reflectance.is_mirror());
-        assert_eq!(rgb(&mut r), material.reflectance.factor());
+        assert_eq!(rgb(r), material.reflectance.factor());
     }
     assert_eq!(r.u32() as usize, scene.surfaces.len());
     for s in &scene.surfaces {
         assert_eq!(r.u32(), s.material.0);
         for vector in [s.normal, s.origin, s.u, s.v] {
-            assert_eq!(vec3(&mut r), vector);
+            assert_eq!(vec3(r), vector);
         }
         assert_eq!([r.f32(), r.f32()], s.extent.to_array());
         assert_eq!(r.u8(), s.fineness);
@@ -862,9 +900,24 @@ fn the_scene_is_as_specified() {
         for polygon in &s.polygons {
             assert_eq!(r.u32() as usize, polygon.vertices.len());
             for vertex in &polygon.vertices {
-                assert_eq!(vec3(&mut r), *vertex);
+                assert_eq!(vec3(r), *vertex);
             }
         }
+    }
+    if !scene.images.is_empty() {
+        assert_eq!([r.u32(), r.u32(), r.u32()], [1, 2, 2]);
+        assert_eq!(r.take(12), PIXELS);
+        assert_eq!([r.u32(), r.u32(), r.u32()], [1, 0, 0], "the floor's");
+        assert_eq!(r.u8(), 0);
+        assert_eq!(rgb(r).0, [0.6, 0.5, 0.4]);
+        assert_eq!([r.u32(), r.u32()], [1, 0], "the floor");
+        // Three images along its longest edge, whichever way u runs on it.
+        let places = [[r.f32(), r.f32()], [r.f32(), r.f32()], [r.f32(), r.f32()]];
+        let (floor, [x, y]) = (&scene.surfaces[0], [places[1], places[2]]);
+        let edges = [x, y].map(|[s, t]| s.abs().max(t.abs()));
+        let shown = [edges[0] * floor.extent.x, edges[1] * floor.extent.y];
+        assert!((shown[0].max(shown[1]) - 3.0).abs() < 1e-4, "{shown:?}");
+        assert!((shown[0].min(shown[1]) - 1.0).abs() < 1e-4, "{shown:?}");
     }
     assert!(r.0.is_empty());
 }

@@ -231,15 +231,23 @@ pub fn pack(data: &[u8]) {
     }
 }
 
-/// The text of an OBJ, a zero byte, the text of its MTL. A scene that comes of it can be stored.
+/// The text of an OBJ, a zero byte, the text of its MTL, a zero byte, its image. A scene that comes of it can
+/// be stored.
 pub fn scene(data: &[u8]) {
-    let text = String::from_utf8_lossy(data);
-    let (obj, mtl) = text.split_once('\0').unwrap_or((&text, ""));
-    let mut library = |name: &str| match name {
+    let mut parts = data.splitn(3, |byte| *byte == 0);
+    let mut part = || parts.next().unwrap_or_default();
+    let (obj, mtl, image) = (part(), part(), part());
+    let mut file = |name: &str| match name {
         "missing.mtl" => Err(io::Error::from(io::ErrorKind::NotFound)),
-        _ => Ok(mtl.to_owned()),
+        "i.png" => Ok(image.to_vec()),
+        _ => Ok(mtl.to_vec()),
     };
-    match Scene::from_text(Path::new("fuzzed.obj"), obj, &mut library) {
+    is_sound(Scene::from_text(Path::new("fuzzed.obj"), &String::from_utf8_lossy(obj), &mut file));
+}
+
+/// A scene that was read can be stored and read again; a refusal says something.
+fn is_sound(read: Result<(Scene, Report), SceneError>) {
+    match read {
         Err(e) => assert!(!e.to_string().is_empty()),
         Ok((scene, report)) => {
             assert!(!format!("{report:?}").is_empty());

@@ -18,7 +18,6 @@ use super::memory::Need;
 use super::reach::{self, SWEEPS, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
-use super::transfer::diffuse::diffuse_factor;
 use super::transfer::{Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, count_run};
 use crate::directions::Directions;
@@ -28,11 +27,12 @@ use crate::field::{Field, FieldError};
 use crate::format::container::{ChunkKind, FileKind, NO_DIRECTION};
 use crate::format::manifest::{CycleLedger, Parameters, Phase};
 use crate::format::names;
-use crate::ids::DirectionId;
+use crate::ids::{DirectionId, SurfaceId};
 use crate::paths::{MAX_DEPTH, Paths};
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::areas::areas;
+use crate::scene::reflectances::Reflectances;
 use crate::scene::texels::Texels;
 use crate::visible::Visible;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -46,6 +46,7 @@ pub struct Bake<'a> {
     directions: &'a Directions,
     outlines: Outlines,
     areas: Vec<f32>,
+    reflectances: Reflectances,
     parameters: Parameters,
     field: Field,
     quantum: Quantum,
@@ -110,6 +111,7 @@ impl<'a> Bake<'a> {
             texels,
             directions,
             areas: home_areas(scene, texels, &outlines),
+            reflectances: pool.install(|| Reflectances::new(scene, texels)),
             outlines,
             parameters: field.manifest().parameters.clone(),
             field,
@@ -426,12 +428,12 @@ impl<'a> Bake<'a> {
         let scale = self.scene.fit.radius.powi(2);
         let diffuse_out = scale * texture_power(&brought.next, &brought.open);
         let one_sided = self.parameters.one_sided;
-        let factors: Vec<Rgb> =
-            self.scene.surface_ids().map(|id| diffuse_factor(self.scene, id)).collect();
         let received = received(sums, |value| {
             let back = value % 2 == 1;
-            let surface = self.texels.surface_of[value / 2] as usize;
-            if back && one_sided { Rgb::BLACK } else { factors[surface] }
+            let (texel, surface) = (value / 2, SurfaceId(self.texels.surface_of[value / 2]));
+            let first = self.texels.lattices[surface.index()].first as usize;
+            let is_dark = back && one_sided;
+            if is_dark { Rgb::BLACK } else { self.reflectances.at(surface, texel - first) }
         });
         let (diffuse_in, mirror_in) = match self.field.manifest().ledger.last() {
             Some(before) => (before.unshot_diffuse, before.unshot_mirror),

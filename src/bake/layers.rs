@@ -627,34 +627,19 @@ fn sort_few(fragments: &mut [Fragment]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ids::MaterialId;
     use crate::radiance::Rgb;
-    use crate::scene::{Fit, Material, Polygon, Reflectance, Surface};
-    use glam::{DVec3, Vec2};
+    use crate::scene::test_scenes::{material, quad, scene_of};
+    use crate::scene::{Polygon, Reflectance, Surface};
+    use glam::Vec2;
     use proptest::prelude::*;
 
     fn rectangle(corner: Vec3, a: Vec3, b: Vec3) -> Surface {
-        Surface {
-            material: MaterialId(0),
-            normal: a.cross(b).normalize(),
-            origin: corner,
-            u: a.normalize(),
-            v: b.normalize(),
-            extent: Vec2::new(a.length(), b.length()),
-            fineness: 0,
-            polygons: vec![Polygon {
-                vertices: vec![corner, corner + a, corner + a + b, corner + b],
-            }],
-        }
+        quad(0, corner, a, b)
     }
 
     fn scene(surfaces: Vec<Surface>) -> Scene {
-        let white = Material {
-            name: "white".to_owned(),
-            emitted: Rgb::BLACK,
-            reflectance: Reflectance::Diffuse(Rgb::splat(0.5)),
-        };
-        Scene { surfaces, materials: vec![white], fit: Fit { centre: DVec3::ZERO, radius: 1.0 } }
+        let white = material("white", 0.0, Reflectance::Diffuse(Rgb::splat(0.5)));
+        scene_of(surfaces, vec![white])
     }
 
     /// Where the ray through a cell's middle meets a rectangle: depth, texel, and by how much of its

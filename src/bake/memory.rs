@@ -16,6 +16,7 @@ use crate::format::manifest::{Parameters, Transfer};
 use crate::ids::DirectionId;
 use crate::psf::Psf;
 use crate::scene::Scene;
+use crate::scene::reflectances::Reflectances;
 
 /// Bytes beyond the grant that a process of this program takes.
 pub const CONSTANT: u64 = 48 << 20;
@@ -169,15 +170,18 @@ pub fn texture_bytes(values: u64, threads: u64, parameters: &Parameters) -> u64 
     values * each + (KEPT * values).min(MOST_KEPT)
 }
 
-/// Bytes of what lasts as long as the bake: texels' surfaces, cuts and areas, which values are sealed,
-/// outlines, the scene, and the hierarchies of paths through it, of all surfaces and of few.
+/// Bytes of what lasts as long as the bake: texels' surfaces, cuts, areas and reflectances, which values are
+/// sealed, outlines, the scene with its images, and the hierarchies of paths through it, of all surfaces and of few.
 pub fn lasting_bytes(shared: &Shared) -> u64 {
     let values = 2 * shared.texels.len() as u64;
-    let scene = A_SURFACE * shared.scene.surfaces.len() as u64;
+    let images: u64 = shared.scene.images.iter().map(|image| image.bytes()).sum();
+    let scene = A_SURFACE * shared.scene.surfaces.len() as u64 + images;
+    let reflectances = Reflectances::bytes(shared.scene, shared.texels);
     let follows = shared.has_mirrors() && !shared.parameters.totals_from_store();
     let hierarchies = if follows { A_CORNER * corners(shared.scene) } else { 0 };
     let areas = 4 * values / 2;
-    shared.texels.bytes() + areas + values / 8 + shared.outlines.bytes() + scene + hierarchies
+    let texels = shared.texels.bytes() + areas + reflectances + values / 8;
+    texels + shared.outlines.bytes() + scene + hierarchies
 }
 
 /// Bytes that a bake needs.
@@ -212,10 +216,11 @@ impl Need {
         let scratch =
             layers + clip + 6 * extent.mirror_map + extent.excerpts + mirrors * Scratch::A_MIRROR;
         let waiting = (WAITING + WRITERS) as u64;
-        let propagating = lasting
-            + texture_bytes(values, threads, shared.parameters)
+        let propagating = texture_bytes(values, threads, shared.parameters)
             + threads * scratch
             + waiting * 2 * extent.mirror_map;
+        // Images are averaged before anything is propagated.
+        let propagating = lasting + propagating.max(Reflectances::passing_bytes(shared.scene));
         let totals = lasting
             + values * 12
             + threads * (layers + 3 * extent.total_map)

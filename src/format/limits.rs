@@ -27,6 +27,9 @@ pub(super) const MOST_CELLS: u32 = 0xffff;
 /// The most texels that fragments can name.
 const MOST_TEXELS: u64 = 1 << 31;
 
+/// The most pixels whose sums fit into 64 bits, and into a number that is exact.
+const MOST_PIXELS: u64 = 1 << 32;
+
 /// The most bytes of OBJ and MTL whose vertices 32 bits can name: a vertex takes 8 at least.
 const MOST_SCENE_BYTES: u64 = 8 << 32;
 
@@ -53,7 +56,10 @@ pub struct Limits {
     /// Bytes of a stored scene or of a direction's map, decoded
     #[arg(id = "limit-chunk", long, value_name = "BYTES", hide_short_help = true, default_value_t = Limits::PUBLISHED.chunk)]
     pub chunk: u64,
-    /// Bytes of OBJ and MTL together, to 2^35
+    /// Pixels of a scene's images together; each takes 3 bytes
+    #[arg(id = "limit-pixels", long, value_name = "N", hide_short_help = true, default_value_t = Limits::PUBLISHED.pixels)]
+    pub pixels: u64,
+    /// Bytes of OBJ, MTL and images together, to 2^35
     #[arg(id = "limit-scene", long, value_name = "BYTES", hide_short_help = true, default_value_t = Limits::PUBLISHED.scene)]
     pub scene: u64,
 }
@@ -77,6 +83,7 @@ impl Limits {
         surfaces: 1 << 24,
         texels: 1 << 27,
         chunk: 1 << 32,
+        pixels: 1 << 28,
         scene: 2 << 30,
     };
 
@@ -143,12 +150,28 @@ impl Limits {
         within("chunk length", bytes, (limit, fixed, "--limit-texels"))
     }
 
+    /// Pixels of a scene's images together.
+    ///
+    /// # Errors
+    /// Above the limit.
+    pub fn check_pixels(&self, count: u64) -> Result<u64, Fault> {
+        within("pixel count", count, (self.pixels, MOST_PIXELS, "--limit-pixels"))
+    }
+
+    /// The most pixels of a scene's images together, and what raises it.
+    pub fn pixels(&self) -> (u64, Flag) {
+        match self.pixels {
+            pixels if pixels < MOST_PIXELS => (pixels, Some("--limit-pixels")),
+            _ => (MOST_PIXELS, None),
+        }
+    }
+
     /// The most polygons of an OBJ, and what raises it.
     pub fn polygons(&self) -> (u64, Flag) {
         (self.surfaces.into(), Some("--limit-surfaces"))
     }
 
-    /// The most bytes of OBJ and MTL together, and what raises it.
+    /// The most bytes of OBJ, MTL and images together, and what raises it.
     pub fn scene_bytes(&self) -> (u64, Flag) {
         match self.scene {
             bytes if bytes < MOST_SCENE_BYTES => (bytes, Some("--limit-scene")),

@@ -7,6 +7,7 @@ use crate::bake::memory::{lasting_bytes, texture_bytes};
 use crate::bake::step::{Scratch, Shared};
 use crate::ids::DirectionId;
 use crate::psf::Psf;
+use crate::scene::reflectances::Reflectances;
 
 /// Of a process that holds nothing yet: its own data, threads' stacks, the allocator's. Measured.
 const EMPTY: u64 = 5 << 18;
@@ -57,7 +58,8 @@ pub fn peak(shared: &Shared, sample: &Sample, threads: u64, pages: u64) -> u64 {
         + pages
         + kept;
     let totals = 12 * values + threads * (layers + 2 * sample.largest);
-    lasting + reach.max(propagating).max(totals)
+    let averaging = Reflectances::passing_bytes(shared.scene);
+    lasting + reach.max(propagating).max(totals).max(averaging)
 }
 
 /// Most spans of any of some directions: rows that polygons reach over.

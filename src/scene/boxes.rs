@@ -171,7 +171,8 @@ mod tests {
     fn the_papers_sizes_come_out_five_to_one() {
         for polygons in [224, 488, 908, 1736] {
             let (obj, mtl) = box_field(polygons, 1);
-            let open = Scene::from_text(Path::new("boxes.obj"), &obj, &mut |_| Ok(mtl.clone()));
+            let open =
+                Scene::from_text(Path::new("boxes.obj"), &obj, &mut |_| Ok(mtl.clone().into()));
             let (scene, report) = open.unwrap();
             assert_eq!(report.notes, []);
             assert_eq!(report.counts.polygons, polygons as usize);

@@ -43,9 +43,9 @@ impl Scene {
     pub fn bundled(name: &str) -> Result<(Scene, Report), SceneError> {
         let files = files(name).ok_or_else(|| unknown(name))?;
         let path = Path::new(name).with_extension("obj");
-        Scene::from_text(&path, files.obj, &mut |library| {
-            let own = library.strip_suffix(".mtl") == Some(name);
-            own.then(|| files.mtl.to_owned()).ok_or_else(|| io::ErrorKind::NotFound.into())
+        Scene::from_text(&path, files.obj, &mut |file| {
+            let own = file.strip_suffix(".mtl") == Some(name);
+            own.then(|| files.mtl.into()).ok_or_else(|| io::ErrorKind::NotFound.into())
         })
     }
 }

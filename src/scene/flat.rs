@@ -3,6 +3,7 @@
 use super::Fit;
 use super::outline::{Outline, flatten, outline, twice_area};
 use super::report::Tally;
+use super::texture::Affine;
 use super::triangulate::ears;
 use glam::{DVec2, DVec3, Vec3};
 use std::collections::HashMap;
@@ -25,6 +26,8 @@ pub(super) const FLAT: f64 = 2e-6;
 pub(super) struct Face {
     /// Corners.
     pub corners: Vec<u32>,
+    /// The place of its image that each corner shows, or none if that is not known; `None` without image.
+    pub places: Option<Vec<DVec2>>,
     /// Number of the material.
     pub material: u32,
     /// Line in the OBJ file.
@@ -42,6 +45,8 @@ pub(super) struct Flat {
     pub normal: DVec3,
     /// Area in the fitted scene's units.
     pub area: f64,
+    /// Where an image lies on it.
+    pub image: Option<Affine>,
 }
 
 /// What became of faces that were not taken as they stand.
@@ -55,6 +60,8 @@ pub(super) struct Tallies {
     pub touching: Tally,
     /// Split: not planar.
     pub not_planar: Tally,
+    /// Textured, but where is not known.
+    pub no_places: Tally,
 }
 
 /// The ball about the middle of the bounding box of all faces that have an area; `None` without such.
@@ -96,8 +103,9 @@ pub(super) fn weld(positions: &[DVec3], fit: &Fit) -> (Vec<Vec3>, Vec<u32>) {
 
 /// Turns a face into polygons, counting what had to be changed.
 pub(super) fn resolve(points: &[DVec3], face: &Face, tallies: &mut Tallies, out: &mut Vec<Flat>) {
-    let corners = without_spikes(&face.corners);
-    let Some(whole) = flat(points, corners, face.material) else {
+    let kept = without_spikes(&face.corners);
+    let corners = kept.iter().map(|k| face.corners[*k]).collect();
+    let Some(mut whole) = flat(points, corners, face.material) else {
         tallies.no_area.add(face.line);
         return;
     };
@@ -109,7 +117,20 @@ pub(super) fn resolve(points: &[DVec3], face: &Face, tallies: &mut Tallies, out:
         return;
     }
     let planar = is_planar(&loop_3d, whole.normal);
-    if planar && shape == Outline::Simple {
+    let places = face.places.as_deref().unwrap_or_default();
+    if face.places.is_some() && places.is_empty() {
+        tallies.no_places.add(face.line);
+    }
+    // Where an image lies on some of the corners, if it lies evenly.
+    let image = |normal: DVec3, of: &[usize]| {
+        let placed = of.iter().filter_map(|k| Some((loop_3d[*k], *places.get(kept[*k])?)));
+        Affine::of(normal, placed.clone()).filter(|affine| affine.fits(placed))
+    };
+    let even = places.is_empty() || {
+        whole.image = image(whole.normal, &(0..kept.len()).collect::<Vec<_>>());
+        whole.image.is_some() || kept.len() == 3
+    };
+    if planar && shape == Outline::Simple && even {
         out.push(whole);
         return;
     }
@@ -123,33 +144,40 @@ pub(super) fn resolve(points: &[DVec3], face: &Face, tallies: &mut Tallies, out:
         tallies.crossing.add(face.line);
         return;
     }
-    if planar { &mut tallies.touching } else { &mut tallies.not_planar }.add(face.line);
+    if !planar {
+        tallies.not_planar.add(face.line);
+    } else if shape == Outline::Touching {
+        tallies.touching.add(face.line);
+    }
     // A piece without area leaves no hole that anything could pass.
-    let corners = pieces.iter().map(|t| t.map(|i| whole.corners[i]).to_vec());
-    out.extend(corners.filter_map(|c| flat(points, c, face.material)));
+    out.extend(pieces.iter().filter_map(|t| {
+        let piece = flat(points, t.map(|i| whole.corners[i]).to_vec(), face.material)?;
+        Some(Flat { image: image(piece.normal, t), ..piece })
+    }));
 }
 
-/// A loop without repeated corners and without edges that go out and straight back.
-fn without_spikes(corners: &[u32]) -> Vec<u32> {
-    let mut kept: Vec<u32> = Vec::with_capacity(corners.len());
-    for &c in corners {
-        if kept.last() == Some(&c) {
+/// Which corners make a loop without repeated ones and without edges that go out and straight back.
+fn without_spikes(corners: &[u32]) -> Vec<usize> {
+    let mut kept: Vec<usize> = Vec::with_capacity(corners.len());
+    for (k, &c) in corners.iter().enumerate() {
+        if kept.last().is_some_and(|last| corners[*last] == c) {
             continue;
         }
-        if kept.len() >= 2 && kept[kept.len() - 2] == c {
+        if kept.len() >= 2 && corners[kept[kept.len() - 2]] == c {
             kept.pop();
         } else {
-            kept.push(c);
+            kept.push(k);
         }
     }
+    let same = |a: usize, b: usize| corners[a] == corners[b];
     // The same where the end meets the start.
     let (mut from, mut to) = (0, kept.len());
     while to - from > 1 {
-        if kept[from] == kept[to - 1] {
+        if same(kept[from], kept[to - 1]) {
             to -= 1;
-        } else if to - from > 2 && kept[from] == kept[to - 2] {
+        } else if to - from > 2 && same(kept[from], kept[to - 2]) {
             to -= 2;
-        } else if to - from > 2 && kept[from + 1] == kept[to - 1] {
+        } else if to - from > 2 && same(kept[from + 1], kept[to - 1]) {
             from += 1;
             to -= 1;
         } else {
@@ -169,7 +197,9 @@ fn flat(points: &[DVec3], corners: Vec<u32>, material: u32) -> Option<Flat> {
     // Slivers so long and thin that the fit left them out may reach outside the ball.
     let inside = || corners.iter().all(|c| points[*c as usize].length_squared() < 1.0);
     let fits = length > THIN * reach && inside();
-    fits.then(|| Flat { corners, material, normal: twice / length, area: 0.5 * length })
+    let flat =
+        || Flat { corners, material, normal: twice / length, area: 0.5 * length, image: None };
+    fits.then(flat)
 }
 
 fn is_planar(points: &[DVec3], normal: DVec3) -> bool {

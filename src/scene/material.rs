@@ -2,11 +2,11 @@
 
 use super::report::{Note, NoteKind};
 use super::scan_mtl::Definition;
-use super::{Material, Reflectance};
+use super::{Material, Reflectance, Texture};
 use crate::format::text::shown;
 use crate::radiance::Rgb;
 
-/// Diffuse reflectance of faces that have no material, and of textures standing for a colour.
+/// Diffuse reflectance of faces that have no material, and of images that cannot be read.
 const UNKNOWN: f32 = 0.8;
 
 /// What faces without a defined material are made of: diffuse 0.8, no light.
@@ -15,15 +15,20 @@ pub(super) fn unknown(name: &str) -> Material {
         name: name.to_owned(),
         emitted: Rgb::BLACK,
         reflectance: Reflectance::Diffuse(Rgb::splat(UNKNOWN)),
+        texture: None,
     }
 }
 
-/// Classifies a material. Mirrors are those of `illum` 3 or 5 with `Ks` above zero, and those with
+/// An image's number and mean, or why it cannot be read.
+pub(super) type Found = Result<(u32, Rgb), String>;
+
+/// Classifies a material; `image` is what was found of its `map_Kd`. Mirrors are those of `illum` 3 or 5 with `Ks` above zero, and those with
 /// `Kd` zero, `Ks` above zero and `Ns` of 1000 or more; all others are diffuse.
 pub(super) fn classify(
     name: &str,
     read: &tobj::Material,
     definition: &Definition,
+    image: Option<Found>,
 ) -> (Material, Vec<Note>) {
     let rgb = |c: Option<[f64; 3]>| Rgb(c.unwrap_or_default().map(|x| x as f32));
     let (mut kd, ks, ke) = (rgb(read.diffuse), rgb(read.specular), rgb(read.emissive));
@@ -32,24 +37,43 @@ pub(super) fn classify(
         && (matches!(illum, Some(3 | 5))
             || kd.is_black() && read.shininess.is_some_and(|ns| ns >= 1000.0));
     let mut notes = Vec::new();
-    let mut note = |kind, text| {
-        let Definition { file, line, .. } = definition.clone();
-        notes.push(Note { kind, subject: format!("material `{}`", shown(name)), file, line, text });
+    let mut note_at = |line, kind, text| {
+        let (subject, file) = (format!("material `{}`", shown(name)), definition.file.clone());
+        notes.push(Note { kind, subject, file, line, text });
     };
-    let textured = definition.textures.iter().any(|k| k == "map_Kd");
-    if !mirror && textured && kd.is_black() {
-        kd = Rgb::splat(UNKNOWN);
-        note(
-            NoteKind::TextureOnly,
-            "`map_Kd` is not supported and `Kd` is 0, taken as diffuse 0.80 0.80 0.80".to_owned(),
-        );
+    let line = definition.image.as_ref().map_or(definition.line, |image| image.line);
+    let image = match image {
+        Some(_) if mirror => {
+            note_at(line, NoteKind::Texture, "`map_Kd` of a mirror, left out".to_owned());
+            None
+        }
+        Some(Err(why)) => {
+            kd = if kd.is_black() { Rgb::splat(UNKNOWN) } else { kd };
+            let file = definition.image.as_ref().map_or("", |image| &image.name);
+            let (file, taken) = (shown(file), three(kd));
+            let text = format!("image `{file}` cannot be read: {why}; taken as diffuse {taken}");
+            note_at(line, NoteKind::Image, text);
+            None
+        }
+        Some(Ok(found)) => {
+            if kd.is_black() {
+                kd = Rgb::splat(1.0);
+            }
+            if read.diffuse == Some([0.0; 3]) {
+                let text = "`Kd` is 0 and would make `map_Kd` black, taken as 1".to_owned();
+                note_at(line, NoteKind::TextureOnly, text);
+            }
+            Some(found)
+        }
+        None => None,
+    };
+    for option in definition.image.iter().flat_map(|image| &image.left_out) {
+        let text = format!("option `{option}` of `map_Kd` is not supported, left out");
+        note_at(line, NoteKind::Texture, text);
     }
-    for key in definition.textures.iter().filter(|k| *k != "map_Kd" || kd.is_black() || mirror) {
+    let mut note = |kind, text| note_at(definition.line, kind, text);
+    for key in &definition.textures {
         note(NoteKind::Texture, format!("`{key}` is not supported, left out"));
-    }
-    if textured && !mirror && read.diffuse.is_some_and(|kd| kd != [0.0; 3]) {
-        let text = format!("`map_Kd` is not supported, taken as diffuse {}", three(kd));
-        note(NoteKind::Texture, text);
     }
     let factor = if mirror { ks } else { kd };
     let clamped = Rgb(factor.0.map(|c| c.min(1.0)));
@@ -85,9 +109,16 @@ pub(super) fn classify(
     if !mirror && clamped.is_black() && read.diffuse.is_none() && ks.is_black() && ke.is_black() {
         note(NoteKind::Black, "neither `Kd` nor `Ks` nor `Ke`, taken as black".to_owned());
     }
-    let reflectance =
-        if mirror { Reflectance::Mirror(clamped) } else { Reflectance::Diffuse(clamped) };
-    (Material { name: name.to_owned(), emitted: ke, reflectance }, notes)
+    let (reflectance, texture) = match image {
+        _ if mirror => (Reflectance::Mirror(clamped), None),
+        None => (Reflectance::Diffuse(clamped), None),
+        Some((image, mean)) => {
+            let clamp = [definition.image.as_ref().is_some_and(|image| image.clamp); 2];
+            let texture = Texture { image, tint: clamped, clamp };
+            (Reflectance::Diffuse(clamped * mean), Some(texture))
+        }
+    };
+    (Material { name: name.to_owned(), emitted: ke, reflectance, texture }, notes)
 }
 
 fn kind_name(mirror: bool) -> &'static str {
@@ -136,7 +167,7 @@ mod tests {
             (0.5, 0.0, 1.0, 10, diffuse(0.5), &[IlluminationModel]),
         ];
         for &(kd, ks, ns, illum, expected, kinds) in table {
-            let (m, notes) = classify("x", &read(kd, ks, ns, illum), &Definition::default());
+            let (m, notes) = classify("x", &read(kd, ks, ns, illum), &Definition::default(), None);
             assert_eq!(m.reflectance, expected, "Kd {kd} Ks {ks} Ns {ns} illum {illum}");
             let found: Vec<NoteKind> = notes.iter().map(|n| n.kind).collect();
             assert_eq!(found, kinds, "Kd {kd} Ks {ks} Ns {ns} illum {illum}");
@@ -151,23 +182,19 @@ mod tests {
             transparency: 0.5,
             ..Definition::default()
         };
-        let (_, notes) = classify("glass", &read(0.8, 0.0, 0.0, 1), &glass);
+        let (_, notes) = classify("glass", &read(0.8, 0.0, 0.0, 1), &glass, None);
         assert_eq!(
             notes[0].to_string(),
             "material `glass` (scene.mtl:12): transparency is not supported, taken as diffuse 0.80 \
              0.80 0.80"
         );
         let kinds = |m: &tobj::Material, d: &Definition| {
-            classify("x", m, d).1.iter().map(|n| n.kind).collect::<Vec<_>>()
+            classify("x", m, d, None).1.iter().map(|n| n.kind).collect::<Vec<_>>()
         };
         let none = tobj::Material::default();
         assert_eq!(kinds(&none, &Definition::default()), [NoteKind::Black]);
-        let textured = Definition { textures: vec!["map_Kd".to_owned()], ..Definition::default() };
-        assert_eq!(kinds(&none, &textured), [NoteKind::TextureOnly]);
-        let (m, _) = classify("x", &none, &textured);
-        assert_eq!(m.reflectance, Reflectance::Diffuse(Rgb::splat(0.8)));
-        assert_eq!(kinds(&read(0.5, 0.0, 0.0, 1), &textured), [NoteKind::Texture]);
-        assert_eq!(kinds(&read(0.0, 0.5, 0.0, 3), &textured), [NoteKind::Texture]);
+        let bumpy = Definition { textures: vec!["bump".to_owned()], ..Definition::default() };
+        assert_eq!(kinds(&read(0.5, 0.0, 0.0, 1), &bumpy), [NoteKind::Texture]);
         let metal = Definition { metal: 1.0, ..Definition::default() };
         assert_eq!(kinds(&read(0.5, 0.0, 0.0, 1), &metal), [NoteKind::Metal]);
     }

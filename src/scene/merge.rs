@@ -1,4 +1,5 @@
-//! Polygons to surfaces: coplanar polygons of one material that share edges become one.
+//! Polygons to surfaces: coplanar polygons of one material that share edges become one, if an image
+//! on them lies evenly on all.
 //!
 //! Regions grow from the largest polygon left over shared edges, and every corner is held against one
 //! plane for the whole region, so that a finely divided curve cannot creep into one surface.
@@ -6,7 +7,8 @@
 
 use super::flat::{FLAT, Flat};
 use super::overlap::overlap;
-use super::{Polygon, Surface};
+use super::texture::Affine;
+use super::{Material, Polygon, Surface};
 use crate::ids::MaterialId;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::collections::HashSet;
@@ -21,7 +23,7 @@ const MOST_FITS: usize = 16;
 const MOST_AT_AN_EDGE: usize = 16;
 
 /// Merges polygons into surfaces, in the order of each surface's first polygon.
-pub(super) fn merge(points: &[DVec3], flats: &[Flat]) -> Vec<Surface> {
+pub(super) fn merge(points: &[DVec3], flats: &[Flat], materials: &[Material]) -> Vec<Surface> {
     let neighbours = Neighbours::new(flats);
     let mut seeds: Vec<u32> = (0..flats.len() as u32).collect();
     // A large polygon's plane is the surest. Areas are finite.
@@ -46,7 +48,7 @@ pub(super) fn merge(points: &[DVec3], flats: &[Flat]) -> Vec<Surface> {
         }
     }
     groups.sort_unstable_by_key(|group| group[0]);
-    groups.iter().map(|group| surface(points, flats, group)).collect()
+    groups.iter().map(|group| surface(points, flats, materials, group)).collect()
 }
 
 /// The polygons reached from a seed over shared edges that lie in one plane with it, within [`FLAT`].
@@ -65,9 +67,16 @@ fn grow(
     for _ in 0..MOST_FITS {
         let found = group.len();
         let (normal, middle) = plane_of(points, flats, &group);
+        let image = image_of(points, flats, normal, &group);
         let lies_in = |polygon: u32| {
-            let mut corners = flats[polygon as usize].corners.iter();
+            let flat = &flats[polygon as usize];
+            let mut corners = flat.corners.iter();
             corners.all(|c| (points[*c as usize] - middle).dot(normal).abs() <= FLAT)
+                && match (image, flat.image) {
+                    (None, None) => true,
+                    (Some(image), Some(_)) => image.fits(shown(points, flat)),
+                    _ => false,
+                }
         };
         if !group.iter().all(|p| lies_in(*p)) {
             break;
@@ -97,6 +106,27 @@ fn plane_of(points: &[DVec3], flats: &[Flat], group: &[u32]) -> (DVec3, DVec3) {
     let corners = members().flat_map(|f| f.corners.iter().map(|c| points[*c as usize]));
     let count = members().map(|f| f.corners.len()).sum::<usize>() as f64;
     (normal.normalize_or(flats[group[0] as usize].normal), corners.sum::<DVec3>() / count)
+}
+
+/// The corners of a polygon and the places of its image that they show.
+fn shown<'a>(
+    points: &'a [DVec3],
+    flat: &'a Flat,
+) -> impl Iterator<Item = (DVec3, DVec2)> + Clone + use<'a> {
+    let corners = flat.corners.iter().map(|c| points[*c as usize]);
+    flat.image.into_iter().flat_map(move |image| corners.clone().map(move |p| (p, image.at(p))))
+}
+
+/// Where the image of some polygons lies, if they have one.
+fn image_of(points: &[DVec3], flats: &[Flat], normal: DVec3, group: &[u32]) -> Option<Affine> {
+    match group {
+        [] => None,
+        [one] => flats[*one as usize].image,
+        many => {
+            flats[many[0] as usize].image?;
+            Affine::of(normal, many.iter().flat_map(|p| shown(points, &flats[*p as usize])))
+        }
+    }
 }
 
 /// Which polygons share an edge and could be one surface.
@@ -179,7 +209,7 @@ fn overlaps(points: &[DVec3], flats: &[Flat], group: &[u32]) -> bool {
 }
 
 /// One surface of a group of polygons, its axes along the longest edge of its boundary.
-fn surface(points: &[DVec3], flats: &[Flat], group: &[u32]) -> Surface {
+fn surface(points: &[DVec3], flats: &[Flat], materials: &[Material], group: &[u32]) -> Surface {
     let members = || group.iter().map(|p| &flats[*p as usize]);
     let corners = || members().flat_map(|f| f.corners.iter().map(|c| points[*c as usize]));
     let (normal, middle) = plane_of(points, flats, group);
@@ -205,14 +235,20 @@ fn surface(points: &[DVec3], flats: &[Flat], group: &[u32]) -> Surface {
     let polygons = members().map(|f| Polygon {
         vertices: f.corners.iter().map(|c| points[*c as usize].as_vec3()).collect::<Vec<Vec3>>(),
     });
+    let material = flats[group[0] as usize].material;
+    let corner = middle + u * low.x + v * low.y;
+    let placement = materials[material as usize].texture.and_then(|texture| {
+        image_of(points, flats, normal, group)?.on(corner, u, v, texture.clamp)
+    });
     Surface {
-        material: MaterialId(flats[group[0] as usize].material),
+        material: MaterialId(material),
         normal: normal.as_vec3(),
-        origin: (middle + u * low.x + v * low.y).as_vec3(),
+        origin: corner.as_vec3(),
         u: u.as_vec3(),
         v: v.as_vec3(),
         extent,
         fineness: 0,
         polygons: polygons.collect(),
+        placement,
     }
 }

@@ -10,7 +10,9 @@ use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 pub use error::SceneError;
+pub use image::Image;
 pub use report::{Counts, Note, NoteKind, Report};
+pub use texture::{Placement, Texture};
 
 mod error;
 
@@ -19,6 +21,10 @@ mod report;
 mod scan;
 
 mod scan_mtl;
+
+pub mod image;
+
+pub mod texture;
 
 mod material;
 
@@ -52,6 +58,8 @@ pub mod texels;
 
 pub mod areas;
 
+pub mod reflectances;
+
 pub mod contacts;
 
 pub mod stored;
@@ -63,6 +71,8 @@ pub struct Scene {
     pub surfaces: Vec<Surface>,
     /// The materials; a [`MaterialId`] is an index into them.
     pub materials: Vec<Material>,
+    /// The images of textured materials, each once.
+    pub images: Vec<Image>,
     /// From the scene's own units to the unit ball.
     pub fit: Fit,
 }
@@ -95,6 +105,9 @@ pub struct Surface {
     pub fineness: u8,
     /// The polygons: simple loops, not necessarily convex, that do not overlap each other.
     pub polygons: Vec<Polygon>,
+    /// Where the image of its material lies on it; `None` without one, and where no texture
+    /// coordinates say it: the image's mean stands for it there.
+    pub placement: Option<Placement>,
 }
 
 /// A simple planar polygon: at least three vertices, counter-clockwise about its surface's normal.
@@ -111,8 +124,10 @@ pub struct Material {
     pub name: String,
     /// Radiance emitted from the front side, W sr^-1 m^-2.
     pub emitted: Rgb,
-    /// What becomes of light that arrives.
+    /// What becomes of light that arrives; of a textured material, in the mean over its image.
     pub reflectance: Reflectance,
+    /// The image that a diffuse material has.
+    pub texture: Option<Texture>,
 }
 
 /// How a material reflects; the factors lie in [0, 1].

@@ -2,15 +2,17 @@
 
 use super::error::SceneError;
 use super::flat::{self, Face, Flat, Tallies};
+use super::image::{Images, Unread};
 use super::material;
 use super::merge::merge;
-use super::report::{Counts, Note, NoteKind, Report};
+use super::report::{Counts, Note, NoteKind, Report, Tally};
 use super::scan::{ObjScan, scan_obj};
-use super::scan_mtl::{Definition, scan_mtl};
+use super::scan_mtl::{Definition, ImageLine, scan_mtl};
 use super::{Material, Scene};
 use crate::format::limits::{Limits, in_brackets};
 use crate::format::text::{inert, shown};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, Read};
@@ -24,7 +26,8 @@ const MOST_LIBRARIES: usize = 1024;
 const LONGEST: usize = 200;
 
 impl Scene {
-    /// Reads a Wavefront OBJ and the MTL files it names, which are looked for beside it.
+    /// Reads a Wavefront OBJ, the MTL files it names, which are looked for beside it, and the images that
+    /// these name, which are looked for beside them.
     ///
     /// # Errors
     /// Anything that cannot be taken as it stands and has no harmless substitute, with file and line
@@ -40,7 +43,7 @@ impl Scene {
     pub fn open_within(path: &Path, limits: &Limits) -> Result<(Scene, Report), SceneError> {
         let (limit, flag) = limits.scene_bytes();
         let mut left = limit;
-        let text = read_text(path, &mut left).map_err(|source| match source.kind() {
+        let bytes = read_file(path, &mut left).map_err(|source| match source.kind() {
             io::ErrorKind::FileTooLarge => SceneError::TooLarge {
                 path: path.to_owned(),
                 what: "size in bytes",
@@ -51,8 +54,8 @@ impl Scene {
             _ => SceneError::Read { path: path.to_owned(), source },
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        let mut library = |name: &str| {
-            read_text(&folder.join(name), &mut left).map_err(|e| match e.kind() {
+        let mut file = |name: &str| {
+            read_file(&folder.join(name), &mut left).map_err(|e| match e.kind() {
                 io::ErrorKind::FileTooLarge => {
                     let what = "with it, the scene's files exceed limit";
                     let flag = in_brackets(&flag);
@@ -61,20 +64,20 @@ impl Scene {
                 _ => e,
             })
         };
-        read(path, &text, &mut library, limits)
+        read(path, &text_of(bytes), &mut file, limits)
     }
 
-    /// Reads a scene from OBJ text; `library` gives the text of a material library by the name that
-    /// the OBJ has for it. `path` stands in messages only.
+    /// Reads a scene from OBJ text; `file` gives the bytes of a material library by the name that
+    /// the OBJ has for it, and of an image by the one that the library has. `path` stands in messages only.
     ///
     /// # Errors
     /// As [`Scene::open`].
     pub fn from_text(
         path: &Path,
         obj: &str,
-        library: &mut dyn FnMut(&str) -> io::Result<String>,
+        file: &mut dyn FnMut(&str) -> io::Result<Vec<u8>>,
     ) -> Result<(Scene, Report), SceneError> {
-        read(path, obj, library, &Limits::default())
+        read(path, obj, file, &Limits::default())
     }
 }
 
@@ -82,12 +85,12 @@ impl Scene {
 fn read(
     path: &Path,
     obj: &str,
-    library: &mut dyn FnMut(&str) -> io::Result<String>,
+    file: &mut dyn FnMut(&str) -> io::Result<Vec<u8>>,
     limits: &Limits,
 ) -> Result<(Scene, Report), SceneError> {
     let scan = scan_obj(path, obj, limits)?;
-    let (definitions, mtl) = libraries(path, &scan, library)?;
-    let (positions, faces, read) = through_tobj(path, &scan, &mtl)?;
+    let (definitions, mtl) = libraries(path, &scan, file)?;
+    let (positions, faces, read) = through_tobj(path, &scan, &definitions, &mtl)?;
     let empty = || SceneError::Empty { path: path.to_owned() };
     let fit = flat::fit(&positions, &faces).ok_or_else(empty)?;
     let (points, welded) = flat::weld(&positions, &fit);
@@ -102,21 +105,35 @@ fn read(
     if flats.is_empty() {
         return Err(empty());
     }
-    let file = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-    let (materials, mut notes) = materials(&file, &scan, &definitions, &read, &mut flats);
-    notes.extend(face_notes(&file, &tallies));
+    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+    let mut images = Images::new(limits);
+    let mut image =
+        |line: &ImageLine| match images.take(&line.name, || file(&line.name).map(Cow::Owned)) {
+            Err(Unread::TooLarge(found, limit, flag)) => {
+                let (path, what) = (path.to_owned(), "number of pixels of images");
+                Err(SceneError::TooLarge { path, what, found, limit, flag })
+            }
+            Err(Unread::Damaged(why)) => Ok(Err(why)),
+            Ok(found) => Ok(Ok(found)),
+        };
+    let (materials, mut notes) =
+        materials(&name, &scan, (&definitions, &read), &mut image, &mut flats)?;
+    if materials.iter().all(|m| m.texture.is_none()) {
+        tallies.no_places = Tally::default();
+    }
+    notes.extend(face_notes(&name, &tallies));
     if materials.iter().all(|m| m.emitted.is_black()) {
         let library = scan.libraries.first().map_or("its MTL file", |(name, _)| name);
         return Err(SceneError::NoEmitter { path: path.to_owned(), library: library.to_owned() });
     }
-    let scene = Scene { surfaces: merge(&points, &flats), materials, fit };
+    let surfaces = merge(&points, &flats, &materials);
+    let scene = Scene { surfaces, materials, images: images.images, fit };
     let counts = count(&scene, points.len(), &flats);
     Ok((scene, Report { counts, notes }))
 }
 
-/// Reads a regular file whole, taking its size from what is left; bytes that are not UTF-8 (comments
-/// in old encodings) are replaced.
-fn read_text(path: &Path, left: &mut u64) -> io::Result<String> {
+/// Reads a regular file whole, taking its size from what is left.
+fn read_file(path: &Path, left: &mut u64) -> io::Result<Vec<u8>> {
     // Pipes and devices may never end.
     if !path.metadata()?.is_file() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
@@ -126,14 +143,20 @@ fn read_text(path: &Path, left: &mut u64) -> io::Result<String> {
     *left = left
         .checked_sub(bytes.len() as u64)
         .ok_or_else(|| io::Error::from(io::ErrorKind::FileTooLarge))?;
-    String::from_utf8(bytes).or_else(|e| Ok(String::from_utf8_lossy(e.as_bytes()).into_owned()))
+    Ok(bytes)
+}
+
+/// A file's text. What is not UTF-8 (comments in old encodings) is replaced.
+fn text_of(bytes: Vec<u8>) -> String {
+    let lossy = |e: std::string::FromUtf8Error| String::from_utf8_lossy(e.as_bytes()).into_owned();
+    String::from_utf8(bytes).unwrap_or_else(lossy)
 }
 
 /// Reads and checks the material libraries: where each used material is defined, and clean MTL text.
 fn libraries(
     path: &Path,
     scan: &ObjScan,
-    library: &mut dyn FnMut(&str) -> io::Result<String>,
+    file: &mut dyn FnMut(&str) -> io::Result<Vec<u8>>,
 ) -> Result<(Vec<Option<Definition>>, String), SceneError> {
     let numbers: HashMap<&str, usize> =
         scan.uses.iter().enumerate().map(|(i, (name, _))| (name.as_str(), i)).collect();
@@ -153,7 +176,7 @@ fn libraries(
         let mut take = |name: &str| {
             // Paths written under Windows.
             let name = name.replace('\\', "/");
-            library(&name).map(|text| (name, text))
+            file(&name).map(|bytes| (name, text_of(bytes)))
         };
         let missing = |source| SceneError::Library {
             path: path.to_owned(),
@@ -172,8 +195,10 @@ fn libraries(
             other => vec![other.map_err(missing)?],
         };
         for (name, text) in found {
+            let inner = name.rfind('/').map_or("", |slash| &name[..=slash]);
             scan_mtl(
                 &folder.join(inert(&name, LONGEST)),
+                inner,
                 &text,
                 &numbers,
                 &mut definitions,
@@ -188,7 +213,12 @@ type Parsed = (Vec<DVec3>, Vec<Face>, HashMap<usize, tobj::Material>);
 
 /// Puts the clean text through the OBJ reader. A face's material is its number in `scan.uses`, or
 /// their count for faces without a defined one.
-fn through_tobj(path: &Path, scan: &ObjScan, mtl: &str) -> Result<Parsed, SceneError> {
+fn through_tobj(
+    path: &Path,
+    scan: &ObjScan,
+    definitions: &[Option<Definition>],
+    mtl: &str,
+) -> Result<Parsed, SceneError> {
     let failed = |message: String| SceneError::Reader { path: path.to_owned(), message };
     let options =
         tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
@@ -206,6 +236,7 @@ fn through_tobj(path: &Path, scan: &ObjScan, mtl: &str) -> Result<Parsed, SceneE
     let mut positions: Vec<DVec3> = Vec::new();
     let mut faces: Vec<Face> = Vec::with_capacity(scan.face_lines.len());
     let mut lines = scan.face_lines.iter().copied();
+    let mut places = &scan.corner_places[..];
     for tobj::Model { mesh, .. } in &models {
         let first = positions.len() as u32;
         positions.extend(mesh.positions.chunks_exact(3).map(DVec3::from_slice));
@@ -221,21 +252,37 @@ fn through_tobj(path: &Path, scan: &ObjScan, mtl: &str) -> Result<Parsed, SceneE
                 .ok_or_else(|| failed("faces do not match their corners".to_owned()))?;
             rest = after;
             let line = lines.next().unwrap_or(0);
-            let corners = corners.iter().map(|c| first + c).collect();
-            faces.push(Face { corners, material, line });
+            let corners: Vec<u32> = corners.iter().map(|c| first + c).collect();
+            let (own, after) = places.split_at_checked(corners.len()).unwrap_or((&[], &[]));
+            places = after;
+            let image = definitions.get(material as usize).and_then(|d| d.as_ref()?.image.as_ref());
+            let places = image.map(|image| placed(scan, image, own));
+            faces.push(Face { corners, places, material, line });
         }
     }
     Ok((positions, faces, numbers.into_iter().zip(materials).collect()))
 }
 
+/// The places of an image that a face's corners show; none where one of them has none.
+fn placed(scan: &ObjScan, image: &ImageLine, corners: &[u32]) -> Vec<DVec2> {
+    let of = |number: &u32| {
+        let written = scan.places.get((*number as usize).checked_sub(1)?)?;
+        let place = image.offset + image.scale * *written;
+        // Texture coordinates begin at the bottom of the image, its rows at the top.
+        place.is_finite().then_some(DVec2::new(place.x, 1.0 - place.y))
+    };
+    corners.iter().map(of).collect::<Option<_>>().unwrap_or_default()
+}
+
 /// Classifies the materials that polygons have, renumbers them, and notes what was not taken as written.
+/// `image` gives an image's number and mean, or why there is none.
 fn materials(
     file: &str,
     scan: &ObjScan,
-    definitions: &[Option<Definition>],
-    read: &HashMap<usize, tobj::Material>,
+    (definitions, read): (&[Option<Definition>], &HashMap<usize, tobj::Material>),
+    image: &mut dyn FnMut(&ImageLine) -> Result<material::Found, SceneError>,
     flats: &mut [Flat],
-) -> (Vec<Material>, Vec<Note>) {
+) -> Result<(Vec<Material>, Vec<Note>), SceneError> {
     let mut used = vec![false; scan.uses.len() + 1];
     flats.iter().for_each(|f| used[f.material as usize] = true);
     let mut renumbered = vec![0u32; used.len()];
@@ -244,7 +291,8 @@ fn materials(
         if let (Some(definition), Some(material)) = (&definitions[number], read.get(&number)) {
             if used[number] {
                 renumbered[number] = out.len() as u32;
-                let (material, said) = material::classify(name, material, definition);
+                let image = definition.image.as_ref().map(&mut *image).transpose()?;
+                let (material, said) = material::classify(name, material, definition, image);
                 out.push(material);
                 notes.extend(said);
             }
@@ -267,12 +315,15 @@ fn materials(
         file,
         "no `usemtl` before them, taken as diffuse 0.80 0.80 0.80",
     ));
-    flats.iter_mut().for_each(|f| f.material = renumbered[f.material as usize]);
-    (out, notes)
+    for flat in flats {
+        flat.material = renumbered[flat.material as usize];
+        flat.image = flat.image.filter(|_| out[flat.material as usize].texture.is_some());
+    }
+    Ok((out, notes))
 }
 
 fn face_notes(file: &str, tallies: &Tallies) -> impl Iterator<Item = Note> {
-    use NoteKind::{NoArea, NotPlanar, SelfIntersecting, SelfTouching};
+    use NoteKind::{NoArea, NoPlaces, NotPlanar, SelfIntersecting, SelfTouching};
     [
         tallies.no_area.note(NoArea, file, "no area, dropped"),
         tallies.crossing.note(SelfIntersecting, file, "the outline crosses itself, dropped"),
@@ -282,6 +333,11 @@ fn face_notes(file: &str, tallies: &Tallies) -> impl Iterator<Item = Note> {
             "the outline touches itself, split into triangles",
         ),
         tallies.not_planar.note(NotPlanar, file, "not planar, split into triangles"),
+        tallies.no_places.note(
+            NoPlaces,
+            file,
+            "textured, but without texture coordinates, taken as the image's mean colour",
+        ),
     ]
     .into_iter()
     .flatten()

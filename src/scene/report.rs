@@ -41,10 +41,14 @@ pub enum NoteKind {
     Metal,
     /// The diffuse part of a mirror: left out.
     MirrorDiffuse,
-    /// A texture: left out.
+    /// A texture, or an option of one: left out.
     Texture,
-    /// A texture stood for the whole colour: taken as 0.8.
+    /// A texture whose factor is 0: taken as 1.
     TextureOnly,
+    /// An image that cannot be read: one colour stands for it.
+    Image,
+    /// Textured faces without texture coordinates: the image's mean.
+    NoPlaces,
     /// Reflectance above 1: clamped.
     Clamped,
     /// A material that neither reflects nor emits.

@@ -8,6 +8,7 @@ use super::error::SceneError;
 use super::report::Tally;
 use crate::format::limits::{self, Limits};
 use crate::format::text::shown;
+use glam::DVec2;
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::fmt::Write;
@@ -19,6 +20,9 @@ const MOST_CORNERS: usize = 4096;
 /// The largest coordinate in the scene's own units; its square is still far from overflow.
 const FARTHEST: f64 = 1e30;
 
+/// The largest texture coordinate: beyond it an image's pixels cannot be told apart.
+const FARTHEST_IN_IMAGE: f64 = 1e6;
+
 /// A checked OBJ.
 #[derive(Debug, Default)]
 pub(super) struct ObjScan {
@@ -26,6 +30,10 @@ pub(super) struct ObjScan {
     pub clean: String,
     /// The line of each face in `clean`, in order.
     pub face_lines: Vec<u32>,
+    /// Texture coordinates as written; NaN where they are no numbers to reckon with.
+    pub places: Vec<DVec2>,
+    /// For each corner of each face in `clean` the number of its texture coordinates, from 1, or 0.
+    pub corner_places: Vec<u32>,
     /// The `mtllib` lines: what follows the keyword, and the line.
     pub libraries: Vec<(String, u32)>,
     /// The materials used, by number: name and line of the first `usemtl`.
@@ -87,7 +95,7 @@ pub(super) fn scan_obj(path: &Path, text: &str, limits: &Limits) -> Result<ObjSc
     let mut libraries: HashSet<String> = HashSet::new();
     // Positions, texture coordinates and normals so far.
     let mut have = [0usize; 3];
-    let mut corners = Vec::new();
+    let (mut corners, mut corner_places) = (Vec::new(), Vec::new());
     for (line, content) in logical_lines(text) {
         let invalid = |message| SceneError::Invalid { path: path.to_owned(), line, message };
         let (key, rest) = keyword(&content);
@@ -96,10 +104,13 @@ pub(super) fn scan_obj(path: &Path, text: &str, limits: &Limits) -> Result<ObjSc
                 vertex(rest, &mut scan.clean).map_err(invalid)?;
                 have[0] += 1;
             }
-            "vt" => have[1] += 1,
+            "vt" => {
+                scan.places.push(place(rest));
+                have[1] += 1;
+            }
             "vn" => have[2] += 1,
             "f" | "fo" => {
-                face(rest, have, &mut corners).map_err(invalid)?;
+                face(rest, have, (&mut corners, &mut corner_places)).map_err(invalid)?;
                 if corners.len() < 3 {
                     scan.too_few.add(line);
                     continue;
@@ -112,6 +123,7 @@ pub(super) fn scan_obj(path: &Path, text: &str, limits: &Limits) -> Result<ObjSc
                     scan.no_material.add(line);
                 }
                 scan.face_lines.push(line);
+                scan.corner_places.extend(&corner_places);
                 scan.clean.push('f');
                 for corner in &corners {
                     // Writing to a string cannot fail.
@@ -175,12 +187,26 @@ fn vertex(rest: &str, clean: &mut String) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks an `f` line and puts its corners' position indices, from 1, into `corners`.
-fn face(rest: &str, have: [usize; 3], corners: &mut Vec<usize>) -> Result<(), String> {
+/// The numbers of a `vt` line. Nothing depends on those that are none but where an image lies.
+fn place(rest: &str) -> DVec2 {
+    let mut values = words(rest).map(|w| number(w).unwrap_or(f64::NAN));
+    let place = DVec2::new(values.next().unwrap_or(f64::NAN), values.next().unwrap_or(0.0));
+    let inside = place.abs().max_element() <= FARTHEST_IN_IMAGE;
+    if inside && !place.is_nan() { place } else { DVec2::NAN }
+}
+
+/// Checks an `f` line and puts its corners' indices, from 1, into `corners`, and those of their texture
+/// coordinates, 0 for none, into `places`.
+fn face(
+    rest: &str,
+    have: [usize; 3],
+    (corners, places): (&mut Vec<usize>, &mut Vec<u32>),
+) -> Result<(), String> {
     const WHAT: [&str; 3] = ["vertices", "texture coordinates", "normals"];
     corners.clear();
+    places.clear();
     for word in words(rest) {
-        let mut position = None;
+        let (mut position, mut place) = (None, 0);
         for (slot, part) in word.split('/').enumerate() {
             if slot > 2 {
                 return Err(format!(
@@ -205,11 +231,14 @@ fn face(rest: &str, have: [usize; 3], corners: &mut Vec<usize>) -> Result<(), St
                      start at 1"
                 ));
             }
-            if slot == 0 {
-                position = Some(absolute as usize);
+            match slot {
+                0 => position = Some(absolute as usize),
+                1 => place = absolute as u32,
+                _ => {}
             }
         }
         corners.extend(position);
+        places.extend(position.map(|_| place));
         if corners.len() > MOST_CORNERS {
             return Err(format!("a face of more than {MOST_CORNERS} corners; split it"));
         }

@@ -3,6 +3,7 @@
 use super::error::SceneError;
 use super::scan::{keyword, logical_lines, number, words};
 use crate::format::text::shown;
+use glam::DVec2;
 use std::collections::HashMap;
 use std::fmt::Write;
 use std::path::Path;
@@ -17,7 +18,9 @@ pub(super) struct Definition {
     pub file: String,
     /// The line of its `newmtl`.
     pub line: u32,
-    /// Keywords of the textures it names.
+    /// The image of its diffuse colour, `map_Kd`.
+    pub image: Option<ImageLine>,
+    /// Keywords of the other textures it names.
     pub textures: Vec<String>,
     /// 1 - opacity, in [0, 1].
     pub transparency: f64,
@@ -25,13 +28,32 @@ pub(super) struct Definition {
     pub metal: f64,
 }
 
+/// A `map_Kd` line: places of the image are `offset + scale * vt`.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ImageLine {
+    /// The image's file, from the OBJ's folder; may be empty.
+    pub name: String,
+    /// Its line in the library.
+    pub line: u32,
+    /// Factors of the texture coordinates (`-s`).
+    pub scale: DVec2,
+    /// What is added to them (`-o`).
+    pub offset: DVec2,
+    /// Whether the image does not repeat (`-clamp on`).
+    pub clamp: bool,
+    /// Options that are left out.
+    pub left_out: Vec<String>,
+}
+
 /// Checks an MTL text; appends the used materials to `clean` under their numbers and records where
-/// they are defined. The last definition of a name counts.
+/// they are defined. The last definition of a name counts. Images are looked for in `folder`, which is
+/// empty or ends in a slash.
 ///
 /// # Errors
 /// [`SceneError::Invalid`] with the line.
 pub(super) fn scan_mtl(
     path: &Path,
+    folder: &str,
     text: &str,
     numbers: &HashMap<&str, usize>,
     definitions: &mut [Option<Definition>],
@@ -60,6 +82,9 @@ pub(super) fn scan_mtl(
         // Materials that are not used are checked all the same.
         let mut unused = Definition::default();
         let definition = current.and_then(|n| definitions[n].as_mut()).unwrap_or(&mut unused);
+        if key == "map_Kd" {
+            definition.image = Some(image_line(folder, rest, line));
+        }
         let out = property(key, rest, definition).map_err(invalid)?;
         if !started && !out.is_empty() {
             return Err(invalid(format!("`{key}` before any `newmtl NAME` line")));
@@ -101,9 +126,59 @@ fn property(key: &str, rest: &str, definition: &mut Definition) -> Result<String
         }
         "bump" | "norm" | "disp" | "decal" | "refl" => texture(key, definition),
         // Ambient terms do not exist here, so neither do their textures.
-        _ if key.starts_with("map_") && key != "map_Ka" => texture(key, definition),
+        _ if key.starts_with("map_") && !matches!(key, "map_Ka" | "map_Kd") => {
+            texture(key, definition)
+        }
         _ => String::new(),
     })
+}
+
+/// What a `map_Kd` line says: options, each with its values, and the rest is the file's name.
+fn image_line(folder: &str, rest: &str, line: u32) -> ImageLine {
+    let (scale, offset) = (DVec2::ONE, DVec2::ZERO);
+    let mut image =
+        ImageLine { name: String::new(), line, scale, offset, clamp: false, left_out: Vec::new() };
+    let mut rest = rest;
+    while rest.starts_with('-') {
+        let (option, mut values) = keyword(rest);
+        let mut take = |most: usize| {
+            let mut taken = Vec::new();
+            // Of several numbers the last may be left out.
+            while taken.len() < most
+                && let (word, after) = keyword(values)
+                && let Ok(x) = number(word)
+            {
+                taken.push(x);
+                values = after;
+            }
+            DVec2::new(
+                taken.first().copied().unwrap_or(f64::NAN),
+                taken.get(1).copied().unwrap_or(f64::NAN),
+            )
+        };
+        let or = |given: DVec2, usual: DVec2| DVec2::select(given.is_nan_mask(), usual, given);
+        match option {
+            "-s" => image.scale = or(take(3), image.scale),
+            "-o" => image.offset = or(take(3), image.offset),
+            "-clamp" | "-blendu" | "-blendv" | "-cc" | "-imfchan" | "-type" => {
+                let (value, after) = keyword(values);
+                image.clamp |= option == "-clamp" && value == "on";
+                values = after;
+            }
+            _ => {
+                take(3);
+            }
+        }
+        let known = matches!(option, "-s" | "-o" | "-clamp" | "-blendu" | "-blendv" | "-type");
+        if !known && image.left_out.len() < 8 {
+            image.left_out.push(shown(option));
+        }
+        rest = values;
+    }
+    let name = rest.replace('\\', "/");
+    let absolute = name.starts_with('/') || name.get(1..2) == Some(":");
+    image.name = if absolute || name.is_empty() { name } else { format!("{folder}{name}") };
+    image
 }
 
 fn texture(key: &str, definition: &mut Definition) -> String {

@@ -26,12 +26,12 @@ impl Dice {
 
 /// A grey material; `emitted` in W sr^-1 m^-2.
 pub fn material(name: &str, emitted: f32, reflectance: Reflectance) -> Material {
-    Material { name: name.into(), emitted: Rgb::splat(emitted), reflectance }
+    Material { name: name.into(), emitted: Rgb::splat(emitted), reflectance, texture: None }
 }
 
 /// A scene whose own units are those of the unit ball.
 pub fn scene_of(surfaces: Vec<Surface>, materials: Vec<Material>) -> Scene {
-    Scene { surfaces, materials, fit: Fit { centre: DVec3::ZERO, radius: 1.0 } }
+    Scene { surfaces, materials, images: Vec::new(), fit: Fit { centre: DVec3::ZERO, radius: 1.0 } }
 }
 
 /// A rectangle with a corner and two perpendicular edges; its front looks along `a x b`.
@@ -45,6 +45,7 @@ pub fn quad(material: u32, corner: Vec3, a: Vec3, b: Vec3) -> Surface {
         extent: Vec2::new(a.length(), b.length()),
         fineness: 0,
         polygons: vec![Polygon { vertices: vec![corner, corner + a, corner + a + b, corner + b] }],
+        placement: None,
     }
 }
 

@@ -7,12 +7,14 @@ use std::fmt::Write;
 use std::io;
 use std::path::Path;
 
+mod textures;
+
 const MTL: &str = "newmtl a\nKd .5 .5 .5\nnewmtl b\nKd .5 .5 .5\nnewmtl lamp\nKe 1 1 1\n";
 
 fn open(obj: &str, mtl: &str) -> Result<(Scene, Report), SceneError> {
     Scene::from_text(Path::new("in/s.obj"), obj, &mut |name| {
         let known = name == "s.mtl";
-        known.then(|| mtl.to_owned()).ok_or_else(|| io::ErrorKind::NotFound.into())
+        known.then(|| mtl.into()).ok_or_else(|| io::ErrorKind::NotFound.into())
     })
 }
 

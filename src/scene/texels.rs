@@ -230,6 +230,12 @@ fn sample_near_cuts(
 }
 
 impl Lattice {
+    /// Number of its texels.
+    #[allow(clippy::len_without_is_empty, reason = "there is always one")]
+    pub fn len(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
     /// The texel that holds a place, in texels along `u` and `v`; places outside go to the nearest.
     fn holding(&self, at: Vec2) -> u32 {
         let column = (at.x.max(0.0) as u32).min(self.width - 1);

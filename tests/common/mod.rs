@@ -48,7 +48,7 @@ pub fn scene(name: &str) -> Scene {
 /// A scene from the text of its OBJ and of its MTL, called `test.mtl`.
 pub fn scene_of(obj: &str, mtl: &str) -> Scene {
     let obj = format!("mtllib test.mtl\n{obj}");
-    Scene::from_text(Path::new("test.obj"), &obj, &mut |_| Ok(mtl.to_owned())).unwrap().0
+    Scene::from_text(Path::new("test.obj"), &obj, &mut |_| Ok(mtl.into())).unwrap().0
 }
 
 /// OBJ and MTL of a bundled scene as [`scene_of`] takes them.

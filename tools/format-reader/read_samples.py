@@ -102,6 +102,21 @@ def sound_samples(folder, expected):
     check_manifest(field["record"])
 
 
+def images_sample(path):
+    """The scene of another field: a floor with an image of two by two pixels."""
+    file, refused = attempt(path)
+    check(refused is None, f"images/{path.name}: refused, {refused}")
+    if refused:
+        return
+    print(f"read     images/{path.name}: {file.block.file_kind.name}, with an image")
+    images = file.content(Kind.scene).images
+    sizes = [(image.width, image.height, len(image.pixels)) for image in images.images]
+    check(sizes == [(2, 2, 12)], f"images/{path.name}: images of {sizes}")
+    check(images.images[0].pixels[:3] == bytes([255, 0, 0]), "the image does not begin with red")
+    check([t.material for t in images.textures] == [0], "the texture is not the floor's")
+    check([p.surface for p in images.placements] == [0], "the image is not on the floor")
+
+
 def check_identity(name, file, expected):
     block = file.block
     says = {"field": block.field.hex(), "exponent": block.exponent, "surfaces": block.num_surfaces}
@@ -208,6 +223,7 @@ def main():
     spec = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE.parents[1] / "format-spec"
     samples = spec / "samples"
     sound_samples(samples, json.loads((samples / "expected.json").read_text()))
+    images_sample(samples / "images" / "scene")
     damaged_samples(samples / "damaged", steps_by_sample((spec / "README.md").read_text()))
     if failures:
         sys.exit(f"error: {len(failures)} of the samples' checks failed")

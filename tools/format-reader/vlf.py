@@ -697,10 +697,14 @@ class Vlf(KaitaiStruct):
             for i in range(self.num_surfaces):
                 self.surfaces.append(Vlf.Scene.Surface(self.num_materials, self._io, self, self._root))
 
+            if (not (self._io.is_eof())):
+                pass
+                self.images = Vlf.Scene.Images(self.num_materials, self.num_surfaces, self._io, self, self._root)
+
             self.end = self._io.read_bytes(0)
             _ = self.end
             if not self._io.is_eof():
-                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/scene/seq/6")
+                raise kaitaistruct.ValidationExprError(self.end, self._io, u"/types/scene/seq/7")
 
 
         def _fetch_instances(self):
@@ -715,6 +719,81 @@ class Vlf(KaitaiStruct):
             for i in range(len(self.surfaces)):
                 pass
                 self.surfaces[i]._fetch_instances()
+
+            if (not (self._io.is_eof())):
+                pass
+                self.images._fetch_instances()
+
+
+        class Image(KaitaiStruct):
+            def __init__(self, _io, _parent=None, _root=None):
+                super(Vlf.Scene.Image, self).__init__(_io)
+                self._parent = _parent
+                self._root = _root
+                self._read()
+
+            def _read(self):
+                self.width = self._io.read_u4le()
+                if not self.width >= 1:
+                    raise kaitaistruct.ValidationLessThanError(1, self.width, self._io, u"/types/scene/types/image/seq/0")
+                self.height = self._io.read_u4le()
+                if not self.height >= 1:
+                    raise kaitaistruct.ValidationLessThanError(1, self.height, self._io, u"/types/scene/types/image/seq/1")
+                self.pixels = self._io.read_bytes((3 * self.width) * self.height)
+
+
+            def _fetch_instances(self):
+                pass
+
+
+        class Images(KaitaiStruct):
+            """Images, and where they lie."""
+            def __init__(self, num_materials, num_surfaces, _io, _parent=None, _root=None):
+                super(Vlf.Scene.Images, self).__init__(_io)
+                self._parent = _parent
+                self._root = _root
+                self.num_materials = num_materials
+                self.num_surfaces = num_surfaces
+                self._read()
+
+            def _read(self):
+                self.num_images = self._io.read_u4le()
+                if not self.num_images >= 1:
+                    raise kaitaistruct.ValidationLessThanError(1, self.num_images, self._io, u"/types/scene/types/images/seq/0")
+                self.images = []
+                for i in range(self.num_images):
+                    self.images.append(Vlf.Scene.Image(self._io, self, self._root))
+
+                self.num_textures = self._io.read_u4le()
+                if not self.num_textures <= self.num_materials:
+                    raise kaitaistruct.ValidationGreaterThanError(self.num_materials, self.num_textures, self._io, u"/types/scene/types/images/seq/2")
+                self.textures = []
+                for i in range(self.num_textures):
+                    self.textures.append(Vlf.Scene.Texture(self._io, self, self._root))
+
+                self.num_placements = self._io.read_u4le()
+                if not self.num_placements <= self.num_surfaces:
+                    raise kaitaistruct.ValidationGreaterThanError(self.num_surfaces, self.num_placements, self._io, u"/types/scene/types/images/seq/4")
+                self.placements = []
+                for i in range(self.num_placements):
+                    self.placements.append(Vlf.Scene.Placement(self._io, self, self._root))
+
+
+
+            def _fetch_instances(self):
+                pass
+                for i in range(len(self.images)):
+                    pass
+                    self.images[i]._fetch_instances()
+
+                for i in range(len(self.textures)):
+                    pass
+                    self.textures[i]._fetch_instances()
+
+                for i in range(len(self.placements)):
+                    pass
+                    self.placements[i]._fetch_instances()
+
 
 
         class Material(KaitaiStruct):
@@ -758,6 +837,56 @@ class Vlf(KaitaiStruct):
                 for i in range(len(self.reflectance)):
                     pass
 
+
+
+        class Place(KaitaiStruct):
+            def __init__(self, _io, _parent=None, _root=None):
+                super(Vlf.Scene.Place, self).__init__(_io)
+                self._parent = _parent
+                self._root = _root
+                self._read()
+
+            def _read(self):
+                self.xy = []
+                for i in range(2):
+                    self.xy.append(self._io.read_f4le())
+                    if not self.xy[i] >= -1000000000:
+                        raise kaitaistruct.ValidationLessThanError(-1000000000, self.xy[i], self._io, u"/types/scene/types/place/seq/0")
+                    if not self.xy[i] <= 1000000000:
+                        raise kaitaistruct.ValidationGreaterThanError(1000000000, self.xy[i], self._io, u"/types/scene/types/place/seq/0")
+
+
+
+            def _fetch_instances(self):
+                pass
+                for i in range(len(self.xy)):
+                    pass
+
+
+
+        class Placement(KaitaiStruct):
+            """Where the image of a surface's material lies on it, in edges of the image."""
+            def __init__(self, _io, _parent=None, _root=None):
+                super(Vlf.Scene.Placement, self).__init__(_io)
+                self._parent = _parent
+                self._root = _root
+                self._read()
+
+            def _read(self):
+                self.surface = self._io.read_u4le()
+                _ = self.surface
+                if not _ < self._parent.num_surfaces:
+                    raise kaitaistruct.ValidationExprError(self.surface, self._io, u"/types/scene/types/placement/seq/0")
+                self.origin = Vlf.Scene.Place(self._io, self, self._root)
+                self.along_u = Vlf.Scene.Place(self._io, self, self._root)
+                self.along_v = Vlf.Scene.Place(self._io, self, self._root)
+
+
+            def _fetch_instances(self):
+                pass
+                self.origin._fetch_instances()
+                self.along_u._fetch_instances()
+                self.along_v._fetch_instances()
 
 
         class Polygon(KaitaiStruct):
@@ -834,6 +963,43 @@ class Vlf(KaitaiStruct):
                 for i in range(len(self.polygons)):
                     pass
                     self.polygons[i]._fetch_instances()
+
+
+
+        class Texture(KaitaiStruct):
+            """The image of a diffuse material."""
+            def __init__(self, _io, _parent=None, _root=None):
+                super(Vlf.Scene.Texture, self).__init__(_io)
+                self._parent = _parent
+                self._root = _root
+                self._read()
+
+            def _read(self):
+                self.material = self._io.read_u4le()
+                _ = self.material
+                if not _ < self._parent.num_materials:
+                    raise kaitaistruct.ValidationExprError(self.material, self._io, u"/types/scene/types/texture/seq/0")
+                self.image = self._io.read_u4le()
+                _ = self.image
+                if not _ < self._parent.num_images:
+                    raise kaitaistruct.ValidationExprError(self.image, self._io, u"/types/scene/types/texture/seq/1")
+                self.clamp = self._io.read_u1()
+                if not self.clamp <= 3:
+                    raise kaitaistruct.ValidationGreaterThanError(3, self.clamp, self._io, u"/types/scene/types/texture/seq/2")
+                self.tint = []
+                for i in range(3):
+                    self.tint.append(self._io.read_f4le())
+                    if not self.tint[i] >= 0:
+                        raise kaitaistruct.ValidationLessThanError(0, self.tint[i], self._io, u"/types/scene/types/texture/seq/3")
+                    if not self.tint[i] <= 1:
+                        raise kaitaistruct.ValidationGreaterThanError(1, self.tint[i], self._io, u"/types/scene/types/texture/seq/3")
+
+
+
+            def _fetch_instances(self):
+                pass
+                for i in range(len(self.tint)):
+                    pass
 
 
 

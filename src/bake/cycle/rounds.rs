@@ -86,7 +86,13 @@ impl Bake<'_> {
             };
             let how = (self.parameters.filter, self.parameters.one_sided);
             let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
-            next_textures(self.scene, self.texels, (sums, self.quantum), lines, how)
+            next_textures(
+                (self.scene, &self.reflectances),
+                self.texels,
+                (sums, self.quantum),
+                lines,
+                how,
+            )
         };
         let (next, half) = self.pool.join(
             || next(all, repeats),

@@ -6,10 +6,10 @@
 //! exact (a furnace stays a furnace), however few they are.
 
 use super::{Fixed, Quantum};
-use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::cuts::Cuts;
+use crate::scene::reflectances::Reflectances;
 use crate::scene::texels::{Lattice, Texels};
 
 /// A texel struck by fewer than this part of the lines that a whole texel would meet leans on its
@@ -20,7 +20,7 @@ const FAITHFUL: f32 = 0.25;
 /// a value, with or without light; a whole texel of unit area would have `lines` of them; `filter` is
 /// the number of passes of the filter.
 pub fn next_textures(
-    scene: &Scene,
+    (scene, reflectances): (&Scene, &Reflectances),
     texels: &Texels,
     (sums, quantum): (&[Fixed], Quantum),
     (struck, lines): (&dyn Fn(usize) -> f64, f64),
@@ -31,29 +31,22 @@ pub fn next_textures(
         let lattice = &texels.lattices[id.index()];
         let sides = if one_sided { 1 } else { 2 };
         for side in 0..sides {
-            let rho = diffuse_factor(scene, id);
             let per_texel = 1.0 / f64::from(lattice.density.x * lattice.density.y);
             let expected = (lines * per_texel) as f32;
             let on = Lain { lattice, cuts: &texels.cuts };
             let filtered = Filtered::new(on, side, (sums, quantum), struck, filter);
-            if rho.is_black() || !one_side(on, side, &filtered, expected, &mut next) {
+            let plain = reflectances.of(id);
+            let is_black = plain.is_some_and(|rho| rho.is_black());
+            if is_black || !one_side(on, side, &filtered, expected, &mut next) {
                 continue;
             }
-            for texel in texel_range(lattice) {
+            for (k, texel) in texel_range(lattice).enumerate() {
                 let value = &mut next[2 * texel + side];
-                *value = *value * rho;
+                *value = *value * plain.unwrap_or_else(|| reflectances.at(id, k));
             }
         }
     }
     next
-}
-
-/// Diffuse reflectance of a surface; mirrors have none.
-pub fn diffuse_factor(scene: &Scene, id: SurfaceId) -> Rgb {
-    match scene.material_of(id).reflectance {
-        crate::scene::Reflectance::Diffuse(rho) => rho,
-        crate::scene::Reflectance::Mirror(_) => Rgb::BLACK,
-    }
 }
 
 /// A lattice and what cuts it: no light is carried over from texel to texel across a cut.
@@ -72,7 +65,7 @@ impl Lain<'_> {
 
 fn texel_range(lattice: &Lattice) -> std::ops::Range<usize> {
     let first = lattice.first as usize;
-    first..first + lattice.width as usize * lattice.height as usize
+    first..first + lattice.len()
 }
 
 /// Sums of one side of a lattice, after the filter of section 5: radiance times lines, and lines.
@@ -250,6 +243,7 @@ fn neighbours(on: Lain, texel: usize) -> impl Iterator<Item = usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ids::SurfaceId;
 
     /// The floor of the Cornell box with lines of radiance 2 on some of its texels.
     fn floor(lines: impl Fn(u32, u32) -> i64) -> (Rgb, Lattice, Vec<Rgb>) {
@@ -266,8 +260,10 @@ mod tests {
             }
         }
         let struck = |value: usize| crate::bake::transfer::lines(&sums[value]);
-        let next = next_textures(&scene, &texels, (&sums, quantum), (&struck, 3000.0), (0, false));
-        (diffuse_factor(&scene, SurfaceId(0)), lattice, next)
+        let reflectances = Reflectances::new(&scene, &texels);
+        let scene = (&scene, &reflectances);
+        let next = next_textures(scene, &texels, (&sums, quantum), (&struck, 3000.0), (0, false));
+        (reflectances.at(SurfaceId(0), 0), lattice, next)
     }
 
     /// Self-normalised: however many lines strike a texel, few or none, equal radiance stays equal.

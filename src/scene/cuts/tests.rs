@@ -19,7 +19,7 @@ fn scene_of(polygons: &[Vec<DVec3>], turn: DMat3) -> Scene {
         obj += "\n";
     }
     let mtl = "newmtl lamp\nKd 0.5 0.5 0.5\nKe 1 1 1\n";
-    Scene::from_text(Path::new("cut.obj"), &obj, &mut |_| Ok(mtl.to_owned())).unwrap().0
+    Scene::from_text(Path::new("cut.obj"), &obj, &mut |_| Ok(mtl.into())).unwrap().0
 }
 
 fn corners<const N: usize>(points: [(f64, f64, f64); N]) -> Vec<DVec3> {
