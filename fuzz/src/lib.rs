@@ -14,8 +14,8 @@ use vlf::format::container::{ChunkKind, Directory, FIRST_BLOCK, Header};
 use vlf::format::limits::Limits;
 use vlf::format::manifest::{Manifest, record_from_bytes, record_to_bytes};
 use vlf::format::tiles::{Layout, TileMap, from_planes, to_planes};
-use vlf::scene::{Fit, stored as stored_scene};
-use vlf::{Camera, Cell, LightField, Scene, Sense, SurfaceId};
+use vlf::scene::{Fit, Report, stored as stored_scene};
+use vlf::{Camera, Cell, LightField, Scene, SceneError, Sense, SurfaceId};
 
 /// A target: its name and what it does.
 pub type Target = (&'static str, fn(&[u8]));
