@@ -187,6 +187,23 @@ mod tests {
         }
     }
 
+    /// A damaged edge of an empty map's tiles: found by chance, when it took years to be read.
+    #[test]
+    fn an_empty_map_of_enormous_tiles_takes_no_time() {
+        let empty = map(1, &[]);
+        let layout = Layout::check(&empty, 2, 1, u32::MAX, 0).unwrap();
+        let planes = to_planes(&TileMap::new(&empty, &layout));
+        for (byte, is_planes) in [(7, false), (6, false), (5, true)] {
+            let mut damaged = planes.clone();
+            damaged[byte] = 0x80;
+            let found = from_planes(&damaged, empty.len() as u64);
+            assert_eq!(found.is_ok(), is_planes, "byte {byte}");
+            assert!(
+                found.is_ok_and(|f| Layout::check(&f, 2, 1, u32::MAX, 0).is_err()) == is_planes
+            );
+        }
+    }
+
     #[test]
     fn smooth_values_have_small_differences() {
         let cells: Vec<_> = { 0..256 }

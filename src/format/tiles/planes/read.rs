@@ -2,6 +2,7 @@
 
 use super::{Neighbours, length, row_bytes, try_cells};
 use crate::format::bytes::{Reader, Writer};
+use crate::format::limits::MOST_CELLS;
 use crate::format::tiles::{CONSTANT, DATA, Parts};
 use crate::format::{Fault, room_for};
 
@@ -19,7 +20,7 @@ pub fn from_planes(planes: &[u8], raw: u64) -> Result<Vec<u8>, Fault> {
     let counted = length(tiles, words, entries.into(), values.into());
     let parts = Parts::new(n.into(), m.into(), entries.into(), values.into());
     let fits = counted == Some(planes.len() as u64) && parts.is_some_and(|p| p.end == raw);
-    if !fits || m == 0 || step == 0 {
+    if !fits || !(1..=MOST_CELLS).contains(&m) || step == 0 {
         return Err(bad("their length is not the one that their numbers add up to"));
     }
     let index = |v: u64| usize::try_from(v).map_err(|_| bad("more than memory has room for"));
@@ -119,6 +120,10 @@ fn take(r: &mut Reader, planes: u32, count: usize) -> Result<Vec<u32>, Fault> {
 
 /// Takes the masks of `count` entries, `size` bytes each.
 fn masks(r: &mut Reader, m: usize, size: usize, count: usize) -> Result<Vec<u8>, Fault> {
+    // Without entries their length does not bound the size of one.
+    if count == 0 {
+        return Ok(Vec::new());
+    }
     let bytes = count.saturating_mul(size);
     let mut masks = room_for(bytes as u64, || "masks".into())?;
     masks.resize(bytes, 0u8);
