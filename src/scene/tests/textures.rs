@@ -1,8 +1,8 @@
 //! Images on surfaces: where they lie, what is merged, what is noted.
 
-use super::super::{NoteKind, Placement, Report, Scene, SceneError};
 use crate::format::limits::Limits;
 use crate::scene::stored;
+use crate::scene::{NoteKind, Placement, Report, Scene, SceneError};
 use glam::{DVec3, Vec2};
 use std::io;
 use std::path::Path;
