@@ -21,7 +21,7 @@ use vlf::{Camera, Cell, LightField, Scene, SceneError, Sense, SurfaceId};
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All targets.
-pub const TARGETS: [Target; 8] = [
+pub const TARGETS: [Target; 9] = [
     ("header", header),
     ("tile", tile),
     ("planes", planes),
@@ -29,6 +29,7 @@ pub const TARGETS: [Target; 8] = [
     ("stored", stored),
     ("pack", pack),
     ("scene", scene),
+    ("gltf", gltf),
     ("camera", camera),
 ];
 
@@ -243,6 +244,16 @@ pub fn scene(data: &[u8]) {
         _ => Ok(mtl.to_vec()),
     };
     is_sound(Scene::from_text(Path::new("fuzzed.obj"), &String::from_utf8_lossy(obj), &mut file));
+}
+
+/// A glTF file, and as it were its images and buffers. The reader is another's: its panics are errors.
+pub fn gltf(data: &[u8]) {
+    let limits = Limits { surfaces: 10_000, ..Limits::default() };
+    let mut file = |name: &str| match name {
+        "gone" => Err(io::Error::from(io::ErrorKind::NotFound)),
+        _ => Ok(data.to_vec()),
+    };
+    is_sound(Scene::from_gltf(Path::new("fuzzed.gltf"), data, &mut file, &limits));
 }
 
 /// A scene that was read can be stored and read again; a refusal says something.

@@ -102,7 +102,7 @@ pub struct Plan {
 /// What is baked, and with what.
 #[derive(Args)]
 pub struct Baking {
-    /// The scene: a Wavefront OBJ; its MTL files lie beside it
+    /// The scene: a Wavefront OBJ, its MTL files and images beside it; or glTF 2.0, .gltf or .glb
     pub scene: PathBuf,
     /// Lines of the light field: 9, 33, 129, 513, 2049, 8193, ...
     #[arg(long, default_value_t = 2049)]

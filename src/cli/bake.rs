@@ -2,7 +2,7 @@
 
 use super::args::{self, SyncPolicy};
 use super::progress::{Bar, tell};
-use super::{group, info, say, usage};
+use super::{group, info, say, usage, views};
 use anyhow::Context;
 use bytesize::ByteSize;
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -62,6 +62,7 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
     if code != 0 {
         return Ok(code);
     }
+    views::save(&a.output, &report.cameras)?;
     if a.json {
         let mut json = info::json(&a.output, &b.limits)?;
         json["report"] = serde_json::to_value(&report)?;

@@ -13,6 +13,7 @@ mod progress;
 mod render;
 mod scene;
 mod verify;
+mod views;
 
 use clap::Parser;
 use std::io::{IsTerminal, Write};

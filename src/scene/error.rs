@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum SceneError {
     /// A file could not be read.
-    #[error("{}: cannot be read: {source}; give the path of a readable OBJ file", path.display())]
+    #[error("{}: cannot be read: {source}; give the path of a readable OBJ or glTF file", path.display())]
     Read {
         /// The file.
         path: PathBuf,
@@ -76,6 +76,14 @@ pub enum SceneError {
         /// The OBJ file.
         path: PathBuf,
         /// What it said.
+        message: String,
+    },
+    /// A glTF file that cannot be taken as it stands.
+    #[error("{}: {message}", path.display())]
+    Gltf {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and what to do.
         message: String,
     },
     /// A bundled scene that does not exist.

@@ -30,7 +30,7 @@ pub(super) struct Face {
     pub places: Option<Vec<DVec2>>,
     /// Number of the material.
     pub material: u32,
-    /// Line in the OBJ file.
+    /// Line in the OBJ file; 0 in files without lines.
     pub line: u32,
 }
 

@@ -111,6 +111,13 @@ impl Image {
         Ok(Image { width, height, pixels })
     }
 
+    /// The pixel at a place in edges of the image, which repeats.
+    pub fn at(&self, place: glam::DVec2) -> [u8; 3] {
+        let of = |x: f64, edge: u32| (((x - x.floor()) * f64::from(edge)) as u32).min(edge - 1);
+        let (column, row) = (of(place.x, self.width), of(place.y, self.height));
+        self.pixels[row as usize * self.width as usize + column as usize]
+    }
+
     /// The mean of all pixels, linear, in [0, 1].
     pub fn mean(&self) -> Rgb {
         let sum = |c: usize| self.pixels.iter().map(|p| u64::from(linear(p[c]))).sum::<u64>();

@@ -1,6 +1,6 @@
 //! What is lit: surfaces, materials, emitters, texels and the camera, resolved and checked.
 //!
-//! In: a Wavefront OBJ with its MTL ([`Scene::open`]). Out: a [`Scene`] in which every vertex is
+//! In: a Wavefront OBJ with its MTL, or glTF ([`Scene::open`]). Out: a [`Scene`] in which every vertex is
 //! finite and inside the unit ball, every polygon planar and of positive area, every reflectance in
 //! [0, 1], every surface one plane and one material. Nothing downstream checks again.
 
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 pub use error::SceneError;
 pub use image::Image;
-pub use report::{Counts, Note, NoteKind, Report};
+pub use report::{Counts, NamedCamera, Note, NoteKind, Report};
 pub use texture::{Placement, Texture};
 
 mod error;
@@ -38,7 +38,11 @@ mod overlap;
 
 mod merge;
 
+mod assemble;
+
 mod read;
+
+mod gltf;
 
 #[cfg(test)]
 mod tests;
@@ -120,7 +124,7 @@ pub struct Polygon {
 /// What a surface is made of.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// Name in the MTL file.
+    /// Name in the scene's file.
     pub name: String,
     /// Radiance emitted from the front side, W sr^-1 m^-2.
     pub emitted: Rgb,

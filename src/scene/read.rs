@@ -1,14 +1,14 @@
 //! OBJ with MTL to a [`Scene`]: checked text through `tobj`, then polygons, fit, surfaces, materials.
 
+use super::assemble::{Pieces, file_name, too_large};
 use super::error::SceneError;
-use super::flat::{self, Face, Flat, Tallies};
+use super::flat::{Face, Flat, Tallies};
 use super::image::{Images, Unread};
 use super::material;
-use super::merge::merge;
-use super::report::{Counts, Note, NoteKind, Report, Tally};
+use super::report::{Note, NoteKind, Report};
 use super::scan::{ObjScan, scan_obj};
 use super::scan_mtl::{Definition, ImageLine, scan_mtl};
-use super::{Material, Scene};
+use super::{Material, Scene, gltf};
 use crate::format::limits::{Limits, in_brackets};
 use crate::format::text::{inert, shown};
 use glam::{DVec2, DVec3};
@@ -27,7 +27,8 @@ const LONGEST: usize = 200;
 
 impl Scene {
     /// Reads a Wavefront OBJ, the MTL files it names, which are looked for beside it, and the images that
-    /// these name, which are looked for beside them.
+    /// these name, which are looked for beside them; or a glTF 2.0 file, `.gltf` or `.glb`, with its buffers and
+    /// images.
     ///
     /// # Errors
     /// Anything that cannot be taken as it stands and has no harmless substitute, with file and line
@@ -64,7 +65,10 @@ impl Scene {
                 _ => e,
             })
         };
-        read(path, &text_of(bytes), &mut file, limits)
+        match gltf::is_one(path, &bytes) {
+            true => gltf::read(path, &bytes, &mut file, limits),
+            false => read(path, &text_of(bytes), &mut file, limits),
+        }
     }
 
     /// Reads a scene from OBJ text; `file` gives the bytes of a material library by the name that
@@ -79,6 +83,20 @@ impl Scene {
     ) -> Result<(Scene, Report), SceneError> {
         read(path, obj, file, &Limits::default())
     }
+
+    /// Reads a scene from the bytes of a glTF 2.0 file, text or binary; `file` gives the bytes of a buffer
+    /// or an image by its name. `path` stands in messages only.
+    ///
+    /// # Errors
+    /// As [`Scene::open_within`].
+    pub fn from_gltf(
+        path: &Path,
+        bytes: &[u8],
+        file: &mut dyn FnMut(&str) -> io::Result<Vec<u8>>,
+        limits: &Limits,
+    ) -> Result<(Scene, Report), SceneError> {
+        gltf::read(path, bytes, file, limits)
+    }
 }
 
 /// Text to scene, within limits; see [`Scene::from_text`].
@@ -92,44 +110,25 @@ fn read(
     let (definitions, mtl) = libraries(path, &scan, file)?;
     let (positions, faces, read) = through_tobj(path, &scan, &definitions, &mtl)?;
     let empty = || SceneError::Empty { path: path.to_owned() };
-    let fit = flat::fit(&positions, &faces).ok_or_else(empty)?;
-    let (points, welded) = flat::weld(&positions, &fit);
-    let points: Vec<DVec3> = points.iter().map(|p| p.as_dvec3()).collect();
-
-    let mut tallies = Tallies { no_area: scan.too_few, ..Tallies::default() };
-    let mut flats: Vec<Flat> = Vec::with_capacity(faces.len());
-    for mut face in faces {
-        face.corners.iter_mut().for_each(|c| *c = welded[*c as usize]);
-        flat::resolve(&points, &face, &mut tallies, &mut flats);
-    }
-    if flats.is_empty() {
-        return Err(empty());
-    }
-    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+    let tallies = Tallies { no_area: scan.too_few, ..Tallies::default() };
+    let mut pieces = Pieces::new(&positions, faces, tallies).ok_or_else(empty)?;
+    let name = file_name(path);
     let mut images = Images::new(limits);
     let mut image =
         |line: &ImageLine| match images.take(&line.name, || file(&line.name).map(Cow::Owned)) {
-            Err(Unread::TooLarge(found, limit, flag)) => {
-                let (path, what) = (path.to_owned(), "number of pixels of images");
-                Err(SceneError::TooLarge { path, what, found, limit, flag })
-            }
+            Err(Unread::TooLarge(found, limit, flag)) => Err(too_large(path, found, limit, flag)),
             Err(Unread::Damaged(why)) => Ok(Err(why)),
             Ok(found) => Ok(Ok(found)),
         };
     let (materials, mut notes) =
-        materials(&name, &scan, (&definitions, &read), &mut image, &mut flats)?;
-    if materials.iter().all(|m| m.texture.is_none()) {
-        tallies.no_places = Tally::default();
-    }
-    notes.extend(face_notes(&name, &tallies));
+        materials(&name, &scan, (&definitions, &read), &mut image, &mut pieces.flats)?;
+    notes.extend(pieces.notes(&name, &materials));
     if materials.iter().all(|m| m.emitted.is_black()) {
         let library = scan.libraries.first().map_or("its MTL file", |(name, _)| name);
         return Err(SceneError::NoEmitter { path: path.to_owned(), library: library.to_owned() });
     }
-    let surfaces = merge(&points, &flats, &materials);
-    let scene = Scene { surfaces, materials, images: images.images, fit };
-    let counts = count(&scene, points.len(), &flats);
-    Ok((scene, Report { counts, notes }))
+    let (scene, counts) = pieces.assemble(materials, images.images);
+    Ok((scene, Report { counts, notes, cameras: Vec::new() }))
 }
 
 /// Reads a regular file whole, taking its size from what is left.
@@ -315,45 +314,6 @@ fn materials(
         file,
         "no `usemtl` before them, taken as diffuse 0.80 0.80 0.80",
     ));
-    for flat in flats {
-        flat.material = renumbered[flat.material as usize];
-        flat.image = flat.image.filter(|_| out[flat.material as usize].texture.is_some());
-    }
+    flats.iter_mut().for_each(|f| f.material = renumbered[f.material as usize]);
     Ok((out, notes))
-}
-
-fn face_notes(file: &str, tallies: &Tallies) -> impl Iterator<Item = Note> {
-    use NoteKind::{NoArea, NoPlaces, NotPlanar, SelfIntersecting, SelfTouching};
-    [
-        tallies.no_area.note(NoArea, file, "no area, dropped"),
-        tallies.crossing.note(SelfIntersecting, file, "the outline crosses itself, dropped"),
-        tallies.touching.note(
-            SelfTouching,
-            file,
-            "the outline touches itself, split into triangles",
-        ),
-        tallies.not_planar.note(NotPlanar, file, "not planar, split into triangles"),
-        tallies.no_places.note(
-            NoPlaces,
-            file,
-            "textured, but without texture coordinates, taken as the image's mean colour",
-        ),
-    ]
-    .into_iter()
-    .flatten()
-}
-
-fn count(scene: &Scene, points: usize, flats: &[Flat]) -> Counts {
-    let mut seen = vec![false; points];
-    flats.iter().flat_map(|f| &f.corners).for_each(|c| seen[*c as usize] = true);
-    let with = |test: &dyn Fn(&Material) -> bool| {
-        scene.surface_ids().filter(|id| test(scene.material_of(*id))).count()
-    };
-    Counts {
-        vertices: seen.iter().filter(|s| **s).count(),
-        polygons: flats.len(),
-        surfaces: scene.surfaces.len(),
-        emitters: with(&|m| !m.emitted.is_black()),
-        mirrors: with(&|m| m.reflectance.is_mirror()),
-    }
 }

@@ -1,5 +1,6 @@
 //! What was made of a scene's files: counts, and a note for everything not taken as it was written.
 
+use super::camera::Camera;
 use serde::Serialize;
 use std::fmt;
 
@@ -10,6 +11,18 @@ pub struct Report {
     pub counts: Counts,
     /// What was not taken as it was written; materials first, in the order of their definition.
     pub notes: Vec<Note>,
+    /// The views that its file has.
+    pub cameras: Vec<NamedCamera>,
+}
+
+/// A view that a scene's file has.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NamedCamera {
+    /// Its name; may be empty.
+    pub name: String,
+    /// The camera.
+    #[serde(flatten)]
+    pub camera: Camera,
 }
 
 /// How much of everything a resolved scene has.
@@ -39,6 +52,16 @@ pub enum NoteKind {
     IlluminationModel,
     /// Metalness: taken as diffuse.
     Metal,
+    /// Colours of vertices: left out.
+    VertexColours,
+    /// Skins and morph targets: taken as they are at rest.
+    Pose,
+    /// Points and lines: left out.
+    NoFaces,
+    /// A light without extent: taken as a small lamp, or left out.
+    Light,
+    /// A camera that takes no pictures here: left out.
+    Camera,
     /// The diffuse part of a mirror: left out.
     MirrorDiffuse,
     /// A texture, or an option of one: left out.
@@ -76,7 +99,7 @@ pub struct Note {
     pub subject: String,
     /// The file it stands in.
     pub file: String,
-    /// The line it stands in, from 1; for several faces the first one's.
+    /// The line it stands in, from 1; for several faces the first one's. 0 in files without lines.
     pub line: u32,
     /// What was made of it.
     pub text: String,
@@ -85,7 +108,10 @@ pub struct Note {
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Note { subject, file, line, text, .. } = self;
-        write!(f, "{subject} ({file}:{line}): {text}")
+        match line {
+            0 => write!(f, "{subject} ({file}): {text}"),
+            line => write!(f, "{subject} ({file}:{line}): {text}"),
+        }
     }
 }
 
@@ -122,6 +148,7 @@ impl Tally {
         let subject = match self.count {
             0 => return None,
             1 => "1 face".to_owned(),
+            n if self.first == 0 => format!("{n} faces"),
             n => format!("{n} faces, the first"),
         };
         Some(Note { kind, subject, file: file.to_owned(), line: self.first, text: text.to_owned() })

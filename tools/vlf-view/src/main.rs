@@ -125,14 +125,14 @@ fn view(args: &Args) -> anyhow::Result<()> {
     let start = args.camera.as_deref().map(Camera::open).transpose()?;
     let feed = Arc::new(Feed::open(opening)?);
     let source = feed.now();
-    let start = start.unwrap_or(source.start);
+    let views = Views::of(&args.path);
+    let start = start.or_else(|| views.get(1).copied()).unwrap_or(source.start);
     if let Some(address) = args.serve {
         let (path, method, exposure) = (args.path.clone(), args.method, args.exposure);
         let serve = serve::Serve { feed, path, start, method, exposure };
         return serve::run(serve, address).with_context(|| format!("{address}: cannot be served"));
     }
-    let state = Walkthrough::new(start, source.speed, args.method, args.exposure)
-        .with_views(Views::of(&args.path));
+    let state = Walkthrough::new(start, source.speed, args.method, args.exposure).with_views(views);
     drop(source);
     let walked = window::run(Show {
         title: format!("{} - F1 for help", args.path.display()),
