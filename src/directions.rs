@@ -11,8 +11,9 @@
 //! step `1 / m`, so lattices of growing `k` are nested.
 
 use crate::ids::{DirectionId, Sense};
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::cmp::Reverse;
+use std::f32::consts::FRAC_2_PI;
 use std::f64::consts::{FRAC_PI_4, PI};
 
 /// One of the three directions around a vector.
@@ -24,6 +25,15 @@ pub struct Near {
     pub sense: Sense,
     /// Barycentric weight in [0, 1]; the three sum to 1.
     pub weight: f32,
+}
+
+/// A triangle of the lattice: half a square of its grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Triangle {
+    /// Slot of the square's first corner.
+    slot: u32,
+    /// Which half: 0 and 1 below and above a falling diagonal, 2 and 3 of a rising one.
+    half: u32,
 }
 
 /// The set Omega_l of line directions.
@@ -179,26 +189,43 @@ impl Directions {
     /// continuous over the whole sphere, across the equator too, where a neighbour may be the
     /// antipode of a line's representative ([`Sense::Against`]).
     pub fn nearest_three(&self, unit: Vec3) -> [Near; 3] {
-        let q = sphere_to_square(unit.as_dvec3()) * f64::from(self.steps);
-        let most = f64::from(self.steps - 1);
-        let x0 = q.x.floor().clamp(-most - 1.0, most);
-        let y0 = q.y.floor().clamp(-most - 1.0, most);
+        let (triangle, weights) = self.around(unit);
+        let mut near = self.corners(triangle);
+        near.iter_mut().zip(weights).for_each(|(near, weight)| near.weight = weight);
+        near
+    }
+
+    /// The triangle of the lattice that `unit` lies in, and the barycentric weights of its corners.
+    #[inline]
+    pub fn around(&self, unit: Vec3) -> (Triangle, [f32; 3]) {
+        let q = sphere_to_square_f32(unit) * self.steps as f32;
+        let most = (self.steps - 1) as f32;
+        let x0 = floor(q.x).clamp(-most - 1.0, most);
+        let y0 = floor(q.y).clamp(-most - 1.0, most);
         let (fx, fy) = ((q.x - x0).clamp(0.0, 1.0), (q.y - y0).clamp(0.0, 1.0));
-        let (x, y) = (x0 as i32, y0 as i32);
         // A square of the grid is cut along the diagonal that runs like the octahedron's edge of
         // its quadrant: falling where x y > 0, rising where x y < 0.
-        let falling = (x >= 0) == (y >= 0);
-        let corners = match (falling, fx + fy <= 1.0, fx >= fy) {
-            (true, true, _) => [(x, y, 1.0 - fx - fy), (x + 1, y, fx), (x, y + 1, fy)],
-            (true, false, _) => {
-                [(x + 1, y + 1, fx + fy - 1.0), (x + 1, y, 1.0 - fy), (x, y + 1, 1.0 - fx)]
-            }
-            (false, _, true) => [(x, y, 1.0 - fx), (x + 1, y, fx - fy), (x + 1, y + 1, fy)],
-            (false, _, false) => [(x, y, 1.0 - fy), (x, y + 1, fy - fx), (x + 1, y + 1, fx)],
+        let falling = (x0 >= 0.0) == (y0 >= 0.0);
+        let (half, weights) = match (falling, fx + fy <= 1.0, fx >= fy) {
+            (true, true, _) => (0, [1.0 - fx - fy, fx, fy]),
+            (true, false, _) => (1, [fx + fy - 1.0, 1.0 - fy, 1.0 - fx]),
+            (false, _, true) => (2, [1.0 - fx, fx - fy, fy]),
+            (false, _, false) => (3, [1.0 - fy, fy - fx, fx]),
         };
-        corners.map(|(gx, gy, weight)| {
-            let (line, sense) = self.lines[self.slot(gx, gy)];
-            Near { direction: DirectionId(line), sense, weight: weight as f32 }
+        (Triangle { slot: self.slot(x0 as i32, y0 as i32) as u32, half }, weights)
+    }
+
+    /// The corners of a triangle, with no weight, in the order of those that [`Directions::around`] gives.
+    pub fn corners(&self, Triangle { slot, half }: Triangle) -> [Near; 3] {
+        let corners = match half {
+            0 => [(0, 0), (1, 0), (0, 1)],
+            1 => [(1, 1), (1, 0), (0, 1)],
+            2 => [(0, 0), (1, 0), (1, 1)],
+            _ => [(0, 0), (0, 1), (1, 1)],
+        };
+        corners.map(|(dx, dy)| {
+            let (line, sense) = self.lines[slot as usize + dy * (2 * self.steps as usize + 1) + dx];
+            Near { direction: DirectionId(line), sense, weight: 0.0 }
         })
     }
 
@@ -294,6 +321,48 @@ pub fn sphere_to_square(d: DVec3) -> DVec2 {
         (u, v) = (1.0 - v, 1.0 - u);
     }
     DVec2::new(u.copysign(d.x), v.copysign(d.y))
+}
+
+/// The same as [`sphere_to_square`] with the accuracy of the vector's own numbers, several times as fast.
+#[inline]
+fn sphere_to_square_f32(d: Vec3) -> Vec2 {
+    let (x, y, z) = (d.x.abs(), d.y.abs(), d.z.abs());
+    // 1 - z, without what rounding leaves of it near the pole.
+    let r = ((x * x + y * y) / (1.0 + z)).sqrt();
+    let (low, high) = (x.min(y), x.max(y));
+    let eighth = if high > 0.0 { arctangent(low / high) * FRAC_2_PI } else { 0.0 };
+    let phi = if y > x { 1.0 - eighth } else { eighth };
+    let (mut u, mut v) = (r - phi * r, phi * r);
+    if d.z < 0.0 {
+        (u, v) = (1.0 - v, 1.0 - u);
+    }
+    Vec2::new(u.copysign(d.x), v.copysign(d.y))
+}
+
+/// The arctangent of a number in [0, 1], within 2e-8 but for rounding (Hastings 1955; Abramowitz and Stegun
+/// 1964, 4.4.49).
+#[inline]
+fn arctangent(t: f32) -> f32 {
+    const COEFFICIENTS: [f32; 9] = [
+        0.002_866_225_7,
+        -0.016_165_737,
+        0.042_909_614,
+        -0.075_289_64,
+        0.106_562_64,
+        -0.142_089,
+        0.199_935_51,
+        -0.333_331_45,
+        1.0,
+    ];
+    let square = t * t;
+    t * COEFFICIENTS.iter().fold(0.0, |sum, c| sum * square + c)
+}
+
+/// Rounded down, without the call that it is where a processor may lack the instruction.
+#[inline]
+fn floor(v: f32) -> f32 {
+    let cut = (v as i32) as f32;
+    cut - f32::from(u8::from(cut > v))
 }
 
 #[cfg(test)]
@@ -399,6 +468,13 @@ mod tests {
             let d = square_to_sphere(DVec2::new(x, y));
             prop_assert!((d.length() - 1.0).abs() < 1e-12);
             prop_assert!(square_to_sphere(sphere_to_square(d)).distance(d) < 1e-9);
+        }
+
+        #[test]
+        fn the_fast_map_is_the_exact_one(unit in unit_vector()) {
+            let (fast, exact) = (sphere_to_square_f32(unit), sphere_to_square(unit.as_dvec3().normalize()));
+            // Of vectors that are of unit length but for rounding.
+            prop_assert!(fast.as_dvec2().distance(exact) < 3e-7, "{fast} {exact}");
         }
 
         #[test]

@@ -15,6 +15,10 @@ use crate::psf::Psf;
 use crate::radiance::Rgb;
 use glam::{Vec3, Vec4};
 
+/// What rounding may leave of a weight that is none. Mirrors along the axes turn lattice directions into others,
+/// whose two neighbours need not be read.
+const NEGLIGIBLE: f32 = 1e-4;
+
 /// The three directions around a vector, as seen from one side of a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Around {
@@ -31,8 +35,8 @@ impl Around {
     pub fn new(directions: &Directions, resolution: u32, away: Vec3, normal: Vec3) -> Around {
         let mut near = directions.nearest_three(away);
         for n in &mut near {
-            let behind = directions.vector(n.direction).dot(normal) * n.sense.sign() <= 1e-4;
-            n.weight *= f32::from(u8::from(!behind));
+            let counts = n.weight > NEGLIGIBLE && shows(directions, n, normal);
+            n.weight *= f32::from(u8::from(counts));
         }
         let total: f32 = near.iter().map(|n| n.weight).sum();
         if total > 0.0 {
@@ -71,6 +75,11 @@ impl Around {
         }
         (weight > 0.0).then(|| sum / weight)
     }
+}
+
+/// Whether a direction shows the side of a surface with unit normal `normal`, and not its other side or its edge.
+pub fn shows(directions: &Directions, near: &Near, normal: Vec3) -> bool {
+    directions.vector(near.direction).dot(normal) * near.sense.sign() > 1e-4
 }
 
 /// Cells of one surface in one PSF, seen in one sense.
@@ -159,9 +168,16 @@ pub fn mirrored(outgoing: Vec3, normal: Vec3) -> Vec3 {
 }
 
 /// Bilinear between the four cells around the point that belong to the surface, or the mean of those
-/// one ring farther out when none of the four does.
+/// one ring farther out when none of the four does; `None` when those do not either.
 #[inline]
 pub fn between_cells(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Option<Rgb> {
+    let found = between(cells, psf, point);
+    (found.w > 0.0).then(|| Rgb(found.truncate().to_array()))
+}
+
+/// The same as red, green, blue and 1, or all 0 for none.
+#[inline]
+pub fn between(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Vec4 {
     let at = psf.project(point);
     let (x, y) = (at.x - 0.5, at.y - 0.5);
     // Rounded down, without the call that it is where a processor may lack the instruction.
@@ -173,17 +189,16 @@ pub fn between_cells(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Option<R
     let parts = cells.four(i, j).into_iter().zip(weights).map(|(cell, w)| cell * w.max(1e-4));
     let found: Vec4 = parts.sum();
     if found.w > 0.0 {
-        return Some(Rgb((found / found.w).truncate().to_array()));
+        return found / found.w;
     }
-    let mut sum = Rgb::BLACK;
-    let mut weight = 0.0;
-    for (di, dj) in RING {
-        if let Some(radiance) = cells.radiance(i + di, j + dj) {
-            sum += radiance;
-            weight += 1.0;
-        }
-    }
-    (weight > 0.0).then(|| sum / weight)
+    in_ring(cells, i, j)
+}
+
+#[inline(never)]
+fn in_ring(cells: &mut impl Cells, i: i32, j: i32) -> Vec4 {
+    let found = RING.into_iter().filter_map(|(di, dj)| cells.radiance(i + di, j + dj));
+    let sum: Vec4 = found.map(|rgb| Vec3::from(rgb.0).extend(1.0)).sum();
+    if sum.w > 0.0 { sum / sum.w } else { Vec4::ZERO }
 }
 
 /// The twelve cells around the inner four, as offsets from the lower left of those.

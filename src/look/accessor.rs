@@ -6,16 +6,16 @@
 use super::lightfield::LightField;
 use super::maps::Map;
 use super::recent::{Key, Recent};
-use crate::directions::Near;
+use crate::directions::{Near, Triangle};
 use crate::format::FormatError;
 use crate::format::container::NO_DIRECTION;
-use crate::gather::{Around, Cells, Four, Lookup, between_cells, mirrored};
-use crate::ids::{Cell, Side, SurfaceId};
+use crate::gather::{Cells, Four, Lookup, between, mirrored, shows};
+use crate::ids::{Cell, Sense, Side, SurfaceId};
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::{Reflectance, texels};
 use crate::textured::{Texture, Under};
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use std::sync::Arc;
 
 /// Circles of directions in which a mirror is looked for that none of the nearest three shows.
@@ -37,7 +37,24 @@ pub struct Accessor<'a> {
     used: [u64; REMEMBERED],
     lookups: u64,
     recent: Recent,
+    last: Last,
 }
+
+/// Where the last lookup was: the next pixel's, as a rule, is in the same triangle of directions and, in each,
+/// between the same four cells.
+struct Last {
+    /// The surface, the side and the triangle; `None` before the first.
+    of: Option<(SurfaceId, Side, Triangle)>,
+    /// The triangle's corners; those behind the side have no weight, the others 1.
+    near: [Near; 3],
+    psfs: [Psf; 3],
+    /// Where their maps are remembered; `None` for those without weight.
+    places: [Option<usize>; 3],
+    fours: [([i32; 2], Four); 3],
+}
+
+/// The column and row of no four cells.
+const NOWHERE: [i32; 2] = [i32::MIN; 2];
 
 impl<'a> Accessor<'a> {
     /// One that remembers nothing yet.
@@ -50,7 +67,14 @@ impl<'a> Accessor<'a> {
             maps: [const { None }; REMEMBERED],
             used: [0; REMEMBERED],
             lookups: 0,
-            recent: Recent::default(),
+            recent: field.remembered(),
+            last: Last {
+                of: None,
+                near: field.directions.corners(field.directions.around(Vec3::Z).0),
+                psfs: [Psf::new(Vec3::Z, 1); 3],
+                places: [None; 3],
+                fours: [(NOWHERE, Four::default()); 3],
+            },
         }
     }
 
@@ -71,7 +95,7 @@ impl<'a> Accessor<'a> {
         let mirror = material.reflectance.is_mirror();
         let wanted = if mirror { mirrored(away, normal) } else { away };
         let found = match mirror || !self.field.diffuse_left_out {
-            true => self.looked_up(surface, point, wanted, normal)?,
+            true => self.looked_up(surface, point, wanted, (side, normal))?,
             false => None,
         };
         Ok(match material.reflectance {
@@ -84,7 +108,7 @@ impl<'a> Accessor<'a> {
                 let emitted = if side == Side::Front { material.emitted } else { Rgb::BLACK };
                 let arrived = match found {
                     Some(arrived) => arrived,
-                    None => self.looked_up_nearby(surface, point, wanted, normal)?,
+                    None => self.looked_up_nearby(surface, point, wanted, (side, normal))?,
                 };
                 arrived * factor + emitted
             }
@@ -113,27 +137,55 @@ impl<'a> Accessor<'a> {
         surface: SurfaceId,
         point: Vec3,
         wanted: Vec3,
-        normal: Vec3,
+        (side, normal): (Side, Vec3),
     ) -> Result<Option<Rgb>, FormatError> {
-        let resolution = self.field.manifest.parameters.resolution;
-        let around = Around::new(&self.field.directions, resolution, wanted, normal);
+        let (triangle, weights) = self.field.directions.around(wanted);
+        let of = (surface, side, triangle);
+        if self.last.of != Some(of) {
+            self.turn_to(of, normal)?;
+        }
+        let Accessor { last, maps, recent, texture, .. } = self;
+        let mut sum = Vec4::ZERO;
+        for (k, near) in last.near.iter().enumerate() {
+            let part = weights[k] * near.weight;
+            if part <= 0.0 {
+                continue;
+            }
+            let Some(map) = last.places[k].and_then(|place| maps[place].as_deref()) else {
+                continue;
+            };
+            let key = Key::new(near.direction.0, (surface, near.sense), [0; 2]);
+            let shown = Shown { map, surface, sense: near.sense, psf: &last.psfs[k], texture };
+            let mut cells = Remembered { recent, key, shown, last: &mut last.fours[k] };
+            sum += part * between(&mut cells, &last.psfs[k], point);
+        }
+        Ok((sum.w > 0.0).then(|| Rgb((sum / sum.w).truncate().to_array())))
+    }
+
+    /// Finds what lookups in another triangle need.
+    #[inline(never)]
+    fn turn_to(
+        &mut self,
+        of: (SurfaceId, Side, Triangle),
+        normal: Vec3,
+    ) -> Result<(), FormatError> {
+        let LightField { directions, manifest, .. } = self.field;
+        let mut near = directions.corners(of.2);
+        near.iter_mut().for_each(|n| n.weight = f32::from(u8::from(shows(directions, n, normal))));
+        // Until all of it is found there is nothing to be remembered.
+        self.last.of = None;
         self.lookups += 1;
         let mut places = [None; 3];
-        for (place, near) in places.iter_mut().zip(&around.near) {
+        for (place, near) in places.iter_mut().zip(&near) {
             if near.weight > 0.0 {
                 *place = Some(self.place(near.direction.0)?);
             }
         }
-        let (maps, recent) = (&self.maps, &mut self.recent);
-        Ok(around.blend(|k| {
-            let map = maps[places[k]?].as_ref()?;
-            let Near { direction, sense, .. } = around.near[k];
-            let lookup = Lookup::new(map.tiles(), surface, sense);
-            let (psf, texture) = (&around.psfs[k], &self.texture);
-            let key = Key::new(direction.0, (surface, sense), [0; 2]);
-            let shown = Shown { lookup, map, psf, texture, under: None };
-            between_cells(&mut Remembered { recent, key, shown }, psf, point)
-        }))
+        let resolution = manifest.parameters.resolution;
+        let psf = |n: Near| Psf::new(directions.vector(n.direction), resolution);
+        let fours = [(NOWHERE, Four::default()); 3];
+        self.last = Last { of: Some(of), near, psfs: near.map(psf), places, fours };
+        Ok(())
     }
 
     /// For mirrors thinner than a cell: the first that is found in ever wider circles of directions.
@@ -142,7 +194,7 @@ impl<'a> Accessor<'a> {
         surface: SurfaceId,
         point: Vec3,
         wanted: Vec3,
-        normal: Vec3,
+        facing: (Side, Vec3),
     ) -> Result<Rgb, FormatError> {
         let spacing = 2.5 / (self.field.directions.len() as f32).sqrt();
         let (a, b) = wanted.any_orthonormal_pair();
@@ -151,7 +203,7 @@ impl<'a> Accessor<'a> {
                 let (sin, cos) = (k as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
                 let aside = (a * cos + b * sin) * (spacing * circle as f32);
                 let nearby = (wanted + aside).normalize();
-                if let Some(found) = self.looked_up(surface, point, nearby, normal)? {
+                if let Some(found) = self.looked_up(surface, point, nearby, facing)? {
                     return Ok(found);
                 }
             }
@@ -160,31 +212,55 @@ impl<'a> Accessor<'a> {
     }
 }
 
-/// Cells of a surface as a map has them, or as the texture map has them that it leaves them to.
-struct Shown<'a> {
-    lookup: Lookup<'a>,
-    map: &'a Map,
-    psf: &'a Psf,
-    texture: &'a Texture<'a>,
-    /// The surface's lattice under the cells, once it was needed.
-    under: Option<Under<'a>>,
+impl Drop for Accessor<'_> {
+    fn drop(&mut self) {
+        self.field.remember(std::mem::take(&mut self.recent));
+    }
 }
 
-impl Cells for Shown<'_> {
-    #[inline]
-    fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
-        let (seen, inside) = self.lookup.seen(i, j)?;
+/// Cells of a surface as a map has them, or as the texture map has them that it leaves them to.
+struct Shown<'a> {
+    map: &'a Map,
+    surface: SurfaceId,
+    sense: Sense,
+    psf: &'a Psf,
+    texture: &'a Texture<'a>,
+}
+
+impl<'a> Shown<'a> {
+    /// A cell and its three neighbours.
+    #[inline(never)]
+    fn four(&self, recent: &mut Recent, key: Key) -> Four {
+        let mut lookup = Lookup::new(self.map.tiles(), self.surface, self.sense);
+        let mut under = None;
+        recent.four(key, |i, j| self.radiance(&mut lookup, &mut under, i, j))
+    }
+
+    /// A cell; `under` is the surface's lattice under the cells, once it was needed.
+    fn radiance(
+        &self,
+        lookup: &mut Lookup<'a>,
+        under: &mut Option<Under<'a>>,
+        i: i32,
+        j: i32,
+    ) -> Option<Rgb> {
+        let (seen, inside) = lookup.seen(i, j)?;
         let stored = seen.radiance(inside)?;
-        match seen.is_textured() {
-            false => Some(stored),
-            true => self.textured(Cell { i: i as u32, j: j as u32 }),
+        if !seen.is_textured() {
+            return Some(stored);
         }
+        if under.is_none() {
+            *under = self.texture.under(self.psf, self.surface);
+        }
+        let cell = Cell { i: i as u32, j: j as u32 };
+        Some(self.texture.value(under.as_ref()?, self.sense, cell, self.map.exponent()))
     }
 }
 
 /// The same, as far as it is not remembered.
 struct Remembered<'a, 'b> {
     recent: &'b mut Recent,
+    last: &'b mut ([i32; 2], Four),
     /// Any cell of the grid.
     key: Key,
     shown: Shown<'a>,
@@ -192,22 +268,15 @@ struct Remembered<'a, 'b> {
 
 impl Cells for Remembered<'_, '_> {
     fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
-        self.shown.radiance(i, j)
+        let Shown { map, surface, sense, .. } = self.shown;
+        self.shown.radiance(&mut Lookup::new(map.tiles(), surface, sense), &mut None, i, j)
     }
 
     #[inline]
     fn four(&mut self, i: i32, j: i32) -> Four {
-        self.recent.four(self.key.at(i, j), |i, j| self.shown.radiance(i, j))
-    }
-}
-
-impl Shown<'_> {
-    #[inline(never)]
-    fn textured(&mut self, cell: Cell) -> Option<Rgb> {
-        let (surface, sense) = self.lookup.of();
-        if self.under.is_none() {
-            self.under = self.texture.under(self.psf, surface);
+        if self.last.0 != [i, j] {
+            *self.last = ([i, j], self.shown.four(self.recent, self.key.at(i, j)));
         }
-        Some(self.texture.value(self.under.as_ref()?, sense, cell, self.map.exponent()))
+        self.last.1
     }
 }

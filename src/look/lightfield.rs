@@ -7,6 +7,7 @@
 use super::accessor::Accessor;
 use super::maps::{Map, Maps, Source};
 use super::packed::{Access, PackFile};
+use super::recent::Recent;
 use crate::directions::Directions;
 use crate::format::container::{self, ChunkKind, FileKind, Header, NO_DIRECTION};
 use crate::format::limits::Limits;
@@ -22,7 +23,7 @@ use std::fs;
 use std::io::ErrorKind::NotFound;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Bytes that decoded maps may take, unless [`LightField::with_memory`] says otherwise.
 pub const MEMORY: u64 = 1 << 30;
@@ -85,7 +86,12 @@ pub struct LightField {
     pub(super) diffuse_left_out: bool,
     pub(super) source: Source,
     maps: Maps,
+    /// What accessors of before remembered, for those to come.
+    remembered: Mutex<Vec<Recent>>,
 }
+
+/// How many are kept, as many as threads may look at once.
+const MOST_REMEMBERED: usize = 64;
 
 fn read(path: &Path) -> Result<Vec<u8>, LookError> {
     let failed = |source| LookError::Io { path: path.to_owned(), source };
@@ -282,6 +288,7 @@ impl LightField {
             diffuse_left_out: header.leaves_diffuse_out(),
             source,
             maps,
+            remembered: Mutex::default(),
         })
     }
 
@@ -307,6 +314,20 @@ impl LightField {
     /// A thread's own way to the maps, which remembers the last ones.
     pub fn accessor(&self) -> Accessor<'_> {
         Accessor::new(self)
+    }
+
+    /// What an accessor of before remembered.
+    pub(super) fn remembered(&self) -> Recent {
+        let kept = self.remembered.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        kept.unwrap_or_default()
+    }
+
+    /// Keeps what an accessor remembers for one to come.
+    pub(super) fn remember(&self, recent: Recent) {
+        let mut kept = self.remembered.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.len() < MOST_REMEMBERED {
+            kept.push(recent);
+        }
     }
 
     /// Bytes of decoded maps that are held.

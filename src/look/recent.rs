@@ -28,56 +28,34 @@ impl Key {
         Key { cell: [i, j], ..self }
     }
 
-    /// A number for what is shown in the grid.
-    fn grid(self) -> u32 {
-        let mixed = self.direction.wrapping_mul(0x9e37_79b1) ^ self.shown.wrapping_mul(0x85eb_ca6b);
-        mixed >> 16
+    /// A number for it, mixed.
+    fn hash(self) -> u32 {
+        let Key { direction, shown, cell: [i, j] } = self;
+        let grid = direction.wrapping_mul(0x9e37_79b1) ^ shown.wrapping_mul(0x85eb_ca6b);
+        (grid >> 15).wrapping_add((257 * j + i).cast_unsigned())
     }
 }
 
-/// What cells show.
-pub struct Recent {
-    /// The four cells around the point that was looked up last in a grid: that of the next pixel, as a
-    /// rule, lies between the same.
-    fours: Box<[(Option<Key>, Four)]>,
-    /// Cells. They stay in a core's own cache.
-    cells: Box<[(Option<Key>, Option<Rgb>)]>,
-}
+/// What the four cells around a point show, by the first of them. The pixels of a row meet some hundreds, those
+/// of the next row mostly the same; a picture meets some tens of thousands, and the next picture of a walk too.
+#[derive(Default)]
+pub struct Recent(Vec<(Option<Key>, Four)>);
 
-/// How many of each are remembered: powers of two.
-const FOURS: usize = 1 << 6;
-const CELLS: usize = 1 << 13;
-
-impl Default for Recent {
-    fn default() -> Recent {
-        Recent {
-            fours: vec![Default::default(); FOURS].into_boxed_slice(),
-            cells: vec![Default::default(); CELLS].into_boxed_slice(),
-        }
-    }
-}
+/// How many are remembered: a power of two.
+const FOURS: usize = 1 << 16;
 
 impl Recent {
     /// What a cell shows, and those to the right of it, below it, and both.
     #[inline]
     pub fn four(&mut self, first: Key, look: impl FnMut(i32, i32) -> Option<Rgb>) -> Four {
-        let place = first.grid() as usize % FOURS;
-        if self.fours[place].0 != Some(first) {
-            self.fours[place] = (Some(first), self.cell_by_cell(first, look));
+        if self.0.is_empty() {
+            self.0.resize(FOURS, Default::default());
         }
-        self.fours[place].1
-    }
-
-    #[inline(never)]
-    fn cell_by_cell(&mut self, first: Key, mut look: impl FnMut(i32, i32) -> Option<Rgb>) -> Four {
-        four(first.cell[0], first.cell[1], |i, j| {
-            let key = first.at(i, j);
-            let place = key.grid().wrapping_add((97 * j + i) as u32) as usize % CELLS;
-            if self.cells[place].0 != Some(key) {
-                self.cells[place] = (Some(key), look(i, j));
-            }
-            self.cells[place].1
-        })
+        let place = &mut self.0[first.hash() as usize % FOURS];
+        if place.0 != Some(first) {
+            *place = (Some(first), four(first.cell[0], first.cell[1], look));
+        }
+        place.1
     }
 }
 

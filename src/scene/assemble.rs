@@ -21,9 +21,10 @@ pub(super) struct Pieces {
 
 impl Pieces {
     /// Fits and resolves faces; `None` when none has an area.
-    pub fn new(positions: &[DVec3], faces: Vec<Face>, mut tallies: Tallies) -> Option<Pieces> {
-        let fit = flat::fit(positions, &faces)?;
-        let (points, welded) = flat::weld(positions, &fit);
+    pub fn new(positions: Vec<DVec3>, faces: Vec<Face>, mut tallies: Tallies) -> Option<Pieces> {
+        let fit = flat::fit(&positions, &faces)?;
+        let (points, welded) = flat::weld(&positions, &fit);
+        drop(positions);
         let points: Vec<DVec3> = points.iter().map(|p| p.as_dvec3()).collect();
         let mut flats: Vec<Flat> = Vec::with_capacity(faces.len());
         for mut face in faces {
@@ -64,7 +65,9 @@ impl Pieces {
     pub fn assemble(mut self, mut materials: Vec<Material>, images: Vec<Image>) -> (Scene, Counts) {
         let images = shown(&mut materials, images);
         for flat in &mut self.flats {
-            flat.image = flat.image.filter(|_| materials[flat.material as usize].texture.is_some());
+            if materials[flat.material as usize].texture.is_none() {
+                flat.image = None;
+            }
         }
         let surfaces = merge(&self.points, &self.flats, &materials);
         let scene = Scene { surfaces, materials, images, fit: self.fit };

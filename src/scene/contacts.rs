@@ -13,8 +13,9 @@ use std::collections::HashMap;
 /// Surfaces closer than this touch: no light passes between them. In the fitted scene's units.
 pub const CONTACT: f32 = 1e-5;
 
-/// Edge of the cells in which planes are looked up, for unit normals and for distances from the origin.
-const CELL: f32 = 4e-3;
+/// Edges of the cells in which planes are looked up: of unit normals, and of distances from the origin, which
+/// tell parallel walls apart.
+const CELLS: [f32; 4] = [2e-2, 2e-2, 2e-2, 4e-3];
 
 /// How far the normals of touching surfaces, and with them their planes' distances, may be apart.
 const TILT: f32 = 1e-3;
@@ -89,70 +90,95 @@ fn planes(scene: &Scene, order: &[u32]) -> Vec<u32> {
         let found = keys.find_map(|key| cells.get(&key)?.iter().find(lies_in).copied());
         match found {
             Some(other) => planes[number as usize] = other,
-            None => cells.entry(at.map(cell)).or_default().push(number),
+            None => cells.entry(cell(at)).or_default().push(number),
         }
     }
     planes
 }
 
-fn cell(coordinate: f32) -> i32 {
-    (coordinate / CELL).floor() as i32
+fn cell(at: [f32; 4]) -> [i32; 4] {
+    std::array::from_fn(|k| (at[k] / CELLS[k]).floor() as i32)
 }
 
 /// The cells within [`TILT`] of a place; a cell may come twice.
 fn cells_about(at: [f32; 4]) -> impl Iterator<Item = [i32; 4]> {
-    let low = at.map(|v| cell(v - 1.5 * TILT));
-    let high = at.map(|v| cell(v + 1.5 * TILT));
+    let low = cell(at.map(|v| v - 1.5 * TILT));
+    let high = cell(at.map(|v| v + 1.5 * TILT));
     let choose =
         move |k: usize| [0, 1, 2, 3].map(|c| if k >> c & 1 == 0 { low[c] } else { high[c] });
     let differs = move |k: &usize| (0..4).all(|c| k >> c & 1 == 0 || low[c] != high[c]);
     (0..16).filter(differs).map(choose)
 }
 
-/// A polygon's edge, with the direction in which the polygon goes from it.
+/// An edge of a surface's outline, with the direction in which the surface goes from it.
 struct Edge {
-    surface: usize,
+    surface: u32,
     ends: [[u32; 3]; 2],
     inward: Vec3,
 }
 
+impl Edge {
+    /// The same for edges that have the same ends.
+    fn key(&self) -> [[u32; 3]; 2] {
+        let [a, b] = self.ends;
+        [a.min(b), a.max(b)]
+    }
+
+    fn runs_against(&self, other: &Edge) -> bool {
+        self.ends[0] == other.ends[1] && self.ends[1] == other.ends[0]
+    }
+}
+
+/// The edges of all outlines. Where two polygons of one surface meet is none.
 fn edges(scene: &Scene) -> Vec<Edge> {
     let bits = |v: Vec3| (v + Vec3::ZERO).to_array().map(f32::to_bits);
-    let mut edges = Vec::new();
-    for (surface, s) in scene.surfaces.iter().enumerate() {
+    let mut all = Vec::new();
+    let mut own: Vec<Edge> = Vec::new();
+    for (s, surface) in scene.surfaces.iter().zip(0..) {
         for Polygon { vertices } in &s.polygons {
             for (a, b) in vertices.iter().zip(vertices.iter().cycle().skip(1)) {
                 let inward = s.normal.cross(*b - *a).normalize_or_zero();
-                edges.push(Edge { surface, ends: [bits(*a), bits(*b)], inward });
+                own.push(Edge { surface, ends: [bits(*a), bits(*b)], inward });
             }
         }
+        if s.polygons.len() > 1 {
+            own.sort_unstable_by_key(Edge::key);
+            let mut rest = std::mem::take(&mut own).into_iter().peekable();
+            while let Some(edge) = rest.next() {
+                if rest.next_if(|next| next.runs_against(&edge)).is_none() {
+                    own.push(edge);
+                }
+            }
+        }
+        all.append(&mut own);
     }
-    edges
+    all
 }
 
 /// Whether of the polygons that share a surface's edges, and are wound as of one skin with it, more go on
 /// behind it than before it, as with a box's faces. Says nothing of what stands around that skin. Not so
 /// the outer skin of walls without thickness: the face at its back is of a skin that closes before it.
 fn solid(scene: &Scene) -> Vec<bool> {
-    let edges = edges(scene);
-    let mut along: HashMap<[[u32; 3]; 2], Vec<&Edge>> = HashMap::new();
-    edges.iter().for_each(|e| along.entry(e.ends).or_default().push(e));
-    let mut behind = vec![0; scene.surfaces.len()];
+    let mut edges = edges(scene);
+    edges.sort_unstable_by_key(Edge::key);
+    let mut behind = vec![0i32; scene.surfaces.len()];
     let mut backs = Vec::new();
-    for edge in &edges {
-        let normal = scene.surfaces[edge.surface].normal;
-        for next in along.get(&[edge.ends[1], edge.ends[0]]).into_iter().flatten() {
-            let height = next.inward.dot(normal);
-            if height.abs() > TILT {
-                behind[edge.surface] += if height < 0.0 { 1 } else { -1 };
-            } else if next.inward.dot(edge.inward) > 0.0 {
-                backs.push((edge.surface, next.surface));
+    for shared in edges.chunk_by(|a, b| a.key() == b.key()) {
+        for edge in shared {
+            let normal = scene.surfaces[edge.surface as usize].normal;
+            for next in shared.iter().filter(|next| next.runs_against(edge)) {
+                let height = next.inward.dot(normal);
+                if height.abs() > TILT {
+                    behind[edge.surface as usize] += if height < 0.0 { 1 } else { -1 };
+                } else if next.inward.dot(edge.inward) > 0.0 {
+                    backs.push((edge.surface, next.surface));
+                }
             }
         }
     }
-    let mut solid: Vec<bool> = behind.iter().map(|n: &i32| *n > 0).collect();
+    let mut solid: Vec<bool> = behind.iter().map(|n| *n > 0).collect();
     for (surface, back) in backs {
-        solid[surface] &= behind[back] >= 0;
+        solid[surface as usize] &= behind[back as usize] >= 0;
     }
     solid
 }

@@ -46,7 +46,7 @@ pub(super) struct Flat {
     /// Area in the fitted scene's units.
     pub area: f64,
     /// Where an image lies on it.
-    pub image: Option<Affine>,
+    pub image: Option<Box<Affine>>,
 }
 
 /// What became of faces that were not taken as they stand.
@@ -124,7 +124,7 @@ pub(super) fn resolve(points: &[DVec3], face: &Face, tallies: &mut Tallies, out:
     // Where an image lies on some of the corners, if it lies evenly.
     let image = |normal: DVec3, of: &[usize]| {
         let placed = of.iter().filter_map(|k| Some((loop_3d[*k], *places.get(kept[*k])?)));
-        Affine::of(normal, placed.clone()).filter(|affine| affine.fits(placed))
+        Affine::of(normal, placed.clone()).filter(|affine| affine.fits(placed)).map(Box::new)
     };
     let even = places.is_empty() || {
         whole.image = image(whole.normal, &(0..kept.len()).collect::<Vec<_>>());

@@ -5,6 +5,7 @@
 //! plane for the whole region, so that a finely divided curve cannot creep into one surface.
 //! O(n log n) in the corners; the same scene gives the same surfaces in the same order.
 
+use super::dissolve::dissolved;
 use super::flat::{FLAT, Flat};
 use super::overlap::overlap;
 use super::texture::Affine;
@@ -12,6 +13,7 @@ use super::{Material, Polygon, Surface};
 use crate::ids::MaterialId;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::collections::HashSet;
+use std::ops::Range;
 
 /// Neighbours whose normals differ by more than this cosine are not compared any further.
 const ALIGNED: f64 = 0.999;
@@ -31,7 +33,9 @@ pub(super) fn merge(points: &[DVec3], flats: &[Flat], materials: &[Material]) ->
         flats[b as usize].area.total_cmp(&flats[a as usize].area).then(a.cmp(&b))
     });
     let mut taken = vec![false; flats.len()];
-    let mut groups: Vec<Vec<u32>> = Vec::new();
+    // All groups behind each other, each as its first polygon and its range.
+    let mut members: Vec<u32> = Vec::with_capacity(flats.len());
+    let mut groups: Vec<(u32, Range<u32>)> = Vec::new();
     for seed in seeds {
         if taken[seed as usize] {
             continue;
@@ -41,14 +45,17 @@ pub(super) fn merge(points: &[DVec3], flats: &[Flat], materials: &[Material]) ->
         // One polygon cannot, nor can two triangles on the two sides of an edge.
         let corners: usize = group.iter().map(|p| flats[*p as usize].corners.len()).sum();
         let sure = group.len() == 1 || group.len() == 2 && corners == 6;
-        if !sure && overlaps(points, flats, &group) {
-            groups.extend(group.into_iter().map(|p| vec![p]));
-        } else {
-            groups.push(group);
+        let pieces = if !sure && overlaps(points, flats, &group) { 1 } else { group.len() };
+        for piece in group.chunks(pieces) {
+            let first = members.len() as u32;
+            members.extend(piece);
+            groups.push((piece[0], first..members.len() as u32));
         }
     }
-    groups.sort_unstable_by_key(|group| group[0]);
-    groups.iter().map(|group| surface(points, flats, materials, group)).collect()
+    drop(neighbours);
+    groups.sort_unstable_by_key(|(first, _)| *first);
+    let group = |range: &Range<u32>| &members[range.start as usize..range.end as usize];
+    groups.iter().map(|(_, range)| surface(points, flats, materials, group(range))).collect()
 }
 
 /// The polygons reached from a seed over shared edges that lie in one plane with it, within [`FLAT`].
@@ -72,7 +79,7 @@ fn grow(
             let flat = &flats[polygon as usize];
             let mut corners = flat.corners.iter();
             corners.all(|c| (points[*c as usize] - middle).dot(normal).abs() <= FLAT)
-                && match (image, flat.image) {
+                && match (image, &flat.image) {
                     (None, None) => true,
                     (Some(image), Some(_)) => image.fits(shown(points, flat)),
                     _ => false,
@@ -114,16 +121,19 @@ fn shown<'a>(
     flat: &'a Flat,
 ) -> impl Iterator<Item = (DVec3, DVec2)> + Clone + use<'a> {
     let corners = flat.corners.iter().map(|c| points[*c as usize]);
-    flat.image.into_iter().flat_map(move |image| corners.clone().map(move |p| (p, image.at(p))))
+    flat.image
+        .as_deref()
+        .into_iter()
+        .flat_map(move |image| corners.clone().map(move |p| (p, image.at(p))))
 }
 
 /// Where the image of some polygons lies, if they have one.
 fn image_of(points: &[DVec3], flats: &[Flat], normal: DVec3, group: &[u32]) -> Option<Affine> {
     match group {
         [] => None,
-        [one] => flats[*one as usize].image,
+        [one] => flats[*one as usize].image.as_deref().copied(),
         many => {
-            flats[many[0] as usize].image?;
+            flats[many[0] as usize].image.as_ref()?;
             Affine::of(normal, many.iter().flat_map(|p| shown(points, &flats[*p as usize])))
         }
     }
@@ -189,6 +199,17 @@ impl Neighbours {
     }
 }
 
+/// The edges of some polygons of one plane that do not also run the other way: inner ones do, diagonals of
+/// divided rectangles among them.
+fn outer_edges(flats: &[Flat], group: &[u32]) -> Vec<(u32, u32)> {
+    let all = || group.iter().flat_map(|p| edges_of(&flats[*p as usize]));
+    if group.len() == 1 {
+        return all().collect();
+    }
+    let known: HashSet<(u32, u32)> = all().collect();
+    all().filter(|(a, b)| !known.contains(&(*b, *a))).collect()
+}
+
 fn edges_of(flat: &Flat) -> impl Iterator<Item = (u32, u32)> {
     let c = &flat.corners;
     (0..c.len()).map(move |i| (c[i], c[(i + 1) % c.len()]))
@@ -214,14 +235,12 @@ fn surface(points: &[DVec3], flats: &[Flat], materials: &[Material], group: &[u3
     let corners = || members().flat_map(|f| f.corners.iter().map(|c| points[*c as usize]));
     let (normal, middle) = plane_of(points, flats, group);
 
-    // Inner edges run both ways; diagonals of divided rectangles are among them.
-    let all: HashSet<(u32, u32)> =
-        if group.len() > 1 { members().flat_map(edges_of).collect() } else { HashSet::new() };
+    let outer = outer_edges(flats, group);
     let mut along = DVec3::ZERO;
-    for (a, b) in members().flat_map(edges_of) {
+    for &(a, b) in &outer {
         let edge = points[b as usize] - points[a as usize];
         // A little more, so that rounding does not choose between equal edges.
-        if edge.length() > along.length() * (1.0 + 1e-5) && !all.contains(&(b, a)) {
+        if edge.length() > along.length() * (1.0 + 1e-5) {
             along = edge;
         }
     }
@@ -232,9 +251,14 @@ fn surface(points: &[DVec3], flats: &[Flat], materials: &[Material], group: &[u3
     let low = corners().map(plane).fold(DVec2::INFINITY, DVec2::min);
     let high = corners().map(plane).fold(DVec2::NEG_INFINITY, DVec2::max);
     let extent: Vec2 = (high - low).as_vec2();
-    let polygons = members().map(|f| Polygon {
-        vertices: f.corners.iter().map(|c| points[*c as usize].as_vec3()).collect::<Vec<Vec3>>(),
-    });
+    let polygon = |corners: &[u32]| Polygon {
+        vertices: corners.iter().map(|c| points[*c as usize].as_vec3()).collect::<Vec<Vec3>>(),
+    };
+    let whole = (group.len() > 1).then(|| dissolved(points, &outer, normal)).flatten();
+    let polygons = match whole {
+        Some(corners) => vec![polygon(&corners)],
+        None => members().map(|f| polygon(&f.corners)).collect(),
+    };
     let material = flats[group[0] as usize].material;
     let corner = middle + u * low.x + v * low.y;
     let placement = materials[material as usize].texture.and_then(|texture| {
@@ -248,7 +272,7 @@ fn surface(points: &[DVec3], flats: &[Flat], materials: &[Material], group: &[u3
         v: v.as_vec3(),
         extent,
         fineness: 0,
-        polygons: polygons.collect(),
+        polygons,
         placement,
     }
 }

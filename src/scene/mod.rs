@@ -36,6 +36,8 @@ mod flat;
 
 mod overlap;
 
+mod dissolve;
+
 mod merge;
 
 mod assemble;

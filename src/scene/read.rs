@@ -67,7 +67,10 @@ impl Scene {
         };
         match gltf::is_one(path, &bytes) {
             true => gltf::read(path, &bytes, &mut file, limits),
-            false => read(path, &text_of(bytes), &mut file, limits),
+            false => {
+                let scan = scan_obj(path, &text_of(bytes), limits)?;
+                read(path, scan, &mut file, limits)
+            }
         }
     }
 
@@ -81,7 +84,8 @@ impl Scene {
         obj: &str,
         file: &mut dyn FnMut(&str) -> io::Result<Vec<u8>>,
     ) -> Result<(Scene, Report), SceneError> {
-        read(path, obj, file, &Limits::default())
+        let limits = Limits::default();
+        read(path, scan_obj(path, obj, &limits)?, file, &limits)
     }
 
     /// Reads a scene from the bytes of a glTF 2.0 file, text or binary; `file` gives the bytes of a buffer
@@ -99,19 +103,20 @@ impl Scene {
     }
 }
 
-/// Text to scene, within limits; see [`Scene::from_text`].
+/// Checked text to scene, within limits; see [`Scene::from_text`].
 fn read(
     path: &Path,
-    obj: &str,
+    mut scan: ObjScan,
     file: &mut dyn FnMut(&str) -> io::Result<Vec<u8>>,
     limits: &Limits,
 ) -> Result<(Scene, Report), SceneError> {
-    let scan = scan_obj(path, obj, limits)?;
     let (definitions, mtl) = libraries(path, &scan, file)?;
     let (positions, faces, read) = through_tobj(path, &scan, &definitions, &mtl)?;
+    // A large scene's text is not held any longer than it is needed.
+    (scan.clean, scan.face_lines, scan.corner_places) = Default::default();
     let empty = || SceneError::Empty { path: path.to_owned() };
     let tallies = Tallies { no_area: scan.too_few, ..Tallies::default() };
-    let mut pieces = Pieces::new(&positions, faces, tallies).ok_or_else(empty)?;
+    let mut pieces = Pieces::new(positions, faces, tallies).ok_or_else(empty)?;
     let name = file_name(path);
     let mut images = Images::new(limits);
     let mut image =

@@ -61,7 +61,7 @@ fn a_divided_cube_is_six_surfaces_facing_out() {
         let (scene, report) = open(&cube(n, DQuat::IDENTITY, DVec3::ZERO), MTL).unwrap();
         assert_eq!(report.notes, []);
         assert_eq!(scene.surfaces.len(), 6);
-        assert_eq!(scene.polygon_count(), 12 * n * n);
+        assert_eq!((report.counts.polygons, scene.polygon_count()), (12 * n * n, 6));
         let edge = 2.0 / (3f32.sqrt() * 1.0001);
         for s in &scene.surfaces {
             assert!((s.area() - edge * edge).abs() < 1e-5);

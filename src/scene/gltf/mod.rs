@@ -121,7 +121,7 @@ fn scene(
     }
     lights::add(&lamps, &mut meshes, &mut said)?;
     let Meshes { positions, faces, materials, images, .. } = meshes;
-    let pieces = Pieces::new(&positions, faces, Tallies::default())
+    let pieces = Pieces::new(positions, faces, Tallies::default())
         .ok_or_else(|| "no triangle with an area in its scene".to_owned())?;
     if materials.iter().all(|m| m.emitted.is_black()) {
         let message = "nothing emits light; give a material an emission, or add a point light";

@@ -118,9 +118,9 @@ fn triangles_strips_and_fans_make_the_same_square() {
     for (mode, indices) in
         [(4, r#", "indices": 2"#), (5, r#", "indices": 3"#), (6, r#", "indices": 4"#)]
     {
-        assert_eq!(primitive(mode, indices), (2, 2, 1e4, Vec3::Z), "mode {mode}");
+        assert_eq!(primitive(mode, indices), (2, 1, 1e4, Vec3::Z), "mode {mode}");
     }
-    assert_eq!(primitive(6, ""), (2, 2, 1e4, Vec3::Z), "without indices");
+    assert_eq!(primitive(6, ""), (2, 1, 1e4, Vec3::Z), "without indices");
     assert_eq!(primitive(4, ""), (2, 1, 5e3, Vec3::Z), "a corner is left over");
 }
 
