@@ -475,6 +475,31 @@ fn a_limit_that_is_passed_is_named_with_its_flag() {
 }
 
 #[test]
+fn stats_say_where_the_time_went() {
+    let folder = folder();
+    let baked = |more: &[&str]| {
+        let output = vlf(&folder).args(bake("box.field", more)).output().unwrap();
+        assert!(output.status.success());
+        fs::remove_dir_all(folder.path().join("box.field")).unwrap();
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let said: serde_json::Value =
+        serde_json::from_str(&baked(&["--threads", "1", "--stats", "--json"])).unwrap();
+    let stats = &said["stats"];
+    // All that this run rasterised, as the field's own figures have it.
+    assert_eq!(stats["fragments"], said["statistics"]["fragments"]);
+    assert!(stats["pairs"].as_u64() > Some(0) && stats["map_bytes"].as_u64() > Some(0), "{stats}");
+    assert_eq!(stats["texel_touches"].as_u64(), stats["pairs"].as_u64().map(|n| 4 * n));
+    // One thread is at one thing at a time, and all of its time is accounted for.
+    let stages: Vec<f64> =
+        stats["stages"].as_object().unwrap().values().map(|s| s.as_f64().unwrap()).collect();
+    let [sum, whole] = [stages.iter().sum(), stats["seconds"].as_f64().unwrap()];
+    assert!((sum - whole).abs() < 1e-6 && stages.iter().all(|s| *s >= 0.0), "{stats}");
+    assert!(baked(&["--stats"]).contains("texels touched"));
+    assert!(!baked(&[]).contains("texels touched"));
+}
+
+#[test]
 fn json_is_one_object_and_nothing_else() {
     let folder = folder();
     let object = |args: &[&str]| -> serde_json::Value {

@@ -15,6 +15,7 @@ use super::estimate::{Errors, Totals, by_surface};
 use super::layers::Outlines;
 use super::ledger::{Tally, Units, account, received, texture_power};
 use super::memory::Need;
+use super::profile::{Profile, Stage};
 use super::reach::{self, SWEEPS, Sealed};
 use super::step::{Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
@@ -64,6 +65,8 @@ pub struct Bake<'a> {
     work: f64,
     /// Directions of the step under way that an earlier run did.
     done_before: u32,
+    /// Where the time of this run went, but for the walk under way.
+    profile: Profile,
 }
 
 /// Senders are few when they have less than this part of all area.
@@ -125,6 +128,7 @@ impl<'a> Bake<'a> {
             spare: Spare::default(),
             work: 0.0,
             done_before: 0,
+            profile: Profile::default(),
         };
         let sync = options.terms.sync.then_some(options.commit_every);
         bake.field.manifest_mut().statistics.sync = sync;
@@ -269,6 +273,7 @@ impl<'a> Bake<'a> {
                 Ok(made.map(maps).unwrap_or_default())
             })?;
             gather_sums(&workers, &mut tally);
+            workers.iter().for_each(|worker| self.profile.add(&lock(worker).watch.take()));
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));
             self.count_pages(pages.as_ref());
             if !self.all_done() {
@@ -287,7 +292,9 @@ impl<'a> Bake<'a> {
             .map(|w| w.into_inner().unwrap_or_else(PoisonError::into_inner));
         let mut sums = sums.map(|s| s.sums).unwrap_or_default();
         sums.iter_mut().for_each(|half| half.truncate(2 * self.texels.len()));
+        let began = Instant::now();
         self.end_cycle(cycle, &mut sums, &tally, senders.is_some())?;
+        self.profile.spend(Stage::Textures, began.elapsed().as_secs_f64());
         Ok(Walk::Done)
     }
 
@@ -517,6 +524,7 @@ impl<'a> Bake<'a> {
                 let statistics = &mut self.field.manifest_mut().statistics;
                 statistics.fragments += std::mem::take(&mut scratch.fragments);
                 statistics.entries += std::mem::take(&mut scratch.entries);
+                self.profile.add(&scratch.watch.take());
             }
             self.count_pages(pages.as_ref());
             self.count_seconds();
@@ -534,6 +542,7 @@ impl<'a> Bake<'a> {
         // Once for the field, and once more so that no commit needs the unshot maps.
         self.field.commit()?;
         self.field.commit()?;
+        self.report(false, self.parameters.directions);
         Ok(Walk::Done)
     }
 }

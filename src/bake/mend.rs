@@ -4,6 +4,7 @@
 //! paths. Where that is taken from what was stored of it instead, it can be done until the bake is
 //! finished. The same bits come out, so the field's digest says whether it is whole again.
 
+use super::profile::Profile;
 use super::reach;
 use super::step::Shared;
 use super::totals::{Mirrors, Scratch, lit_sides, total_map};
@@ -90,6 +91,7 @@ fn damaged(shared: &Shared, field: &Field, options: &Options) -> Result<Vec<Dama
             unshot: 0.0,
             work: done.into(),
             work_left: (manifest.done_count() - done).into(),
+            profile: Profile::default(),
         });
         match fault {
             Some(fault) if is_damage(&fault) => Ok(Some((direction, fault))),

@@ -6,6 +6,8 @@
 //! [`estimate`] (how wrong it is),
 //! [`totals`] (the last sweep), [`mend`] (what of it went bad since).
 
+pub mod profile;
+
 pub mod homes;
 
 pub mod window;
@@ -50,6 +52,7 @@ use crate::format::tiles::exponent_for;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
+use profile::Profile;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -154,6 +157,8 @@ pub struct Progress {
     pub work: f64,
     /// The same that are left, as far as can be seen.
     pub work_left: f64,
+    /// Where the time of this run went, up to the last commit.
+    pub profile: Profile,
 }
 
 /// How a bake ended.

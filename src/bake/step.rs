@@ -9,6 +9,7 @@ use super::exchange;
 use super::layers::{Fragment, Layers, Outlines, SPLIT, projections};
 use super::ledger::{Tally, channels};
 use super::perturb;
+use super::profile::{Stage, Watch};
 use super::reach::Sealed;
 use super::transfer::clip::{self, Clip, Ground, Projection};
 use super::transfer::specular::MirrorSender;
@@ -118,6 +119,8 @@ pub struct Scratch {
     tile: Vec<CoveredCell>,
     flow: Flow,
     failure: Option<FieldError>,
+    /// Where the worker's time goes.
+    pub watch: Watch,
 }
 
 /// Sums over the lines of one PSF, channel by channel, each weighted by its shares.
@@ -169,6 +172,7 @@ impl Scratch {
             tile: Vec::new(),
             flow: Flow::default(),
             failure: None,
+            watch: Watch::default(),
         }
     }
 
@@ -184,6 +188,7 @@ impl Scratch {
             self.tally.mirrored_true += sum(&flow.mirrored);
         }
         self.tally.fragments += self.layers.len() as u64;
+        self.watch.profile.fragments += self.layers.len() as u64;
         for used in self.used_senders.drain(..) {
             self.senders[used] = None;
         }
@@ -202,6 +207,7 @@ pub fn shoot(
     scratch: &mut Scratch,
 ) -> Result<Option<Made>, FieldError> {
     let mut made = None;
+    scratch.watch.start();
     if !shared.directions.is_in_coarser(id, cycle.thinned) {
         return Ok(made);
     }
@@ -229,6 +235,7 @@ pub fn shoot(
         if splits {
             scratch.layers.find_split(shared.outlines);
         }
+        scratch.watch.lap(Stage::Rasterise);
         let what = match (few, stores) {
             (Some(_), _) => Lines::Window,
             (None, true) => Lines::Mapped(id),
@@ -250,6 +257,7 @@ pub fn shoot(
                 projections(shared.outlines, &psf, &mut scratch.projections);
             }
             scratch.layers.rasterise_split(shared.outlines, &psf);
+            scratch.watch.lap(Stage::Rasterise);
             match double {
                 true => line.through_window::<2, 1>(scratch),
                 false => line.through_window::<3, 1>(scratch),
@@ -372,9 +380,12 @@ impl Line<'_> {
                 }
             }
             arrived.tile(&mut scratch.tile);
+            scratch.watch.lap(Stage::MirrorMaps);
         }
         let made = Made { unshot: unshot.finish(), arrived: arrived.finish() };
         self.tally_stored::<SHARES, COUNTS>(&made.unshot, scratch);
+        scratch.watch.profile.map_bytes += (made.unshot.len() + made.arrived.len()) as u64;
+        scratch.watch.lap(Stage::MirrorMaps);
         Ok(made)
     }
 
@@ -459,14 +470,18 @@ impl Line<'_> {
     /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
     /// from finding the pairs, so that the processor can wait for many texels at once.
     fn transfer<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
-        let Scratch { pairs, cells, sums, flow, tally, clip, projections, .. } = scratch;
+        let Scratch { pairs, cells, sums, flow, tally, clip, projections, watch, .. } = scratch;
+        watch.lap(Stage::Exchange);
+        watch.profile.pairs += pairs.len() as u64;
         let sums = &mut sums[self.half];
         let current = self.cycle.current;
         if self.clips() {
             let (ground, pairs) = (self.ground(projections), (cells.as_slice(), pairs.as_slice()));
             let shot = clip.exchange::<SHARES, COUNTS>(pairs, &ground, current, sums);
             add::<1, 1>(&mut flow.shot, &shot);
+            watch.profile.touches += 2 * clip.tap_count() as u64;
         } else {
+            watch.profile.touches += 4 * pairs.len() as u64;
             for [near, far] in pairs.iter().map(|ends| ends.map(|value| value as usize)) {
                 let (along, against) = (&current[near], &current[far]);
                 add::<SHARES, COUNTS>(&mut sums[far], along);
@@ -480,6 +495,7 @@ impl Line<'_> {
         // More leaves the scene over a cycle than one fixed number holds.
         let left = std::mem::take(&mut sums[self.cycle.outside()]);
         tally.left += i128::from(channels(&left));
+        watch.lap(Stage::Transfer);
     }
 
     /// The pairs of a line of which at least one is a mirror.
@@ -585,6 +601,7 @@ impl Line<'_> {
             return FROM_OUTSIDE;
         }
         scratch.tally.gathers += 1;
+        scratch.watch.profile.paths += 1;
         self.shared.quantum.fixed(self.shown(paths, place, sense))
     }
 

@@ -8,6 +8,7 @@
 
 use super::exchange;
 use super::layers::{Fragment, Layers};
+use super::profile::{Stage, Watch};
 use super::reach::Sealed;
 use super::step::Shared;
 use crate::field::pages::Page;
@@ -29,6 +30,8 @@ pub struct Scratch {
     pub fragments: u64,
     /// Entries of the maps so far.
     pub entries: u64,
+    /// Where the worker's time goes.
+    pub watch: Watch,
 }
 
 /// Where the total maps of mirrors come from.
@@ -53,8 +56,11 @@ pub fn total_map(
 ) -> Vec<u8> {
     let Parameters { resolution, tile: m, .. } = *shared.parameters;
     let psf = Psf::new(shared.directions.vector(id), resolution);
+    scratch.watch.start();
     scratch.layers.rasterise(shared.outlines, &psf);
+    scratch.watch.lap(Stage::Rasterise);
     scratch.fragments += scratch.layers.len() as u64;
+    scratch.watch.profile.fragments += scratch.layers.len() as u64;
     let mut writer = TileMapWriter::new(resolution, m, shared.exponent);
     let n = resolution / m;
     let (contacts, surface_of) = (&shared.outlines.contacts, &shared.texels.surface_of);
@@ -106,7 +112,10 @@ pub fn total_map(
         writer.tile(&mut scratch.tile);
     }
     scratch.entries += writer.entry_count() as u64;
-    writer.finish()
+    let bytes = writer.finish();
+    scratch.watch.profile.map_bytes += bytes.len() as u64;
+    scratch.watch.lap(Stage::TotalMaps);
+    bytes
 }
 
 /// Whether another surface is nearer than `edge` to the k-th on a ray, before each `lit` side of it. No

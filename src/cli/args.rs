@@ -82,6 +82,9 @@ pub struct Bake {
     /// Begin though the disk seems to be too small
     #[arg(long)]
     pub force: bool,
+    /// Say at the end where the time of this run went, stage by stage
+    #[arg(long)]
+    pub stats: bool,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,

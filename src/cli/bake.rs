@@ -2,14 +2,16 @@
 
 use super::args::{self, SyncPolicy};
 use super::progress::{Bar, tell};
+use super::stats::Spent;
 use super::{group, info, say, usage, views};
 use anyhow::Context;
 use bytesize::ByteSize;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use vlf::bake::{Options, Outcome, bake_in};
+use std::sync::{Arc, Mutex, PoisonError};
+use vlf::bake::profile::Profile;
+use vlf::bake::{Options, Outcome, Progress, bake_in};
 use vlf::exit;
 use vlf::field::Terms;
 use vlf::field::storage::disk::Disk;
@@ -58,7 +60,7 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
         force: a.force,
         limits: b.limits,
     };
-    let code = bake_with_bar(&scene, &parameters(b), &a.output, how)?;
+    let (code, spent) = bake_with_bar(&scene, &parameters(b), &a.output, how)?;
     if code != 0 {
         return Ok(code);
     }
@@ -66,9 +68,15 @@ pub fn run(a: &args::Bake) -> anyhow::Result<u8> {
     if a.json {
         let mut json = info::json(&a.output, &b.limits)?;
         json["report"] = serde_json::to_value(&report)?;
+        if a.stats {
+            json["stats"] = spent.json();
+        }
         say(&json.to_string())?;
     } else {
         say(&info::summary(&a.output, &b.limits)?)?;
+        if a.stats {
+            say(&spent.text())?;
+        }
     }
     Ok(0)
 }
@@ -136,13 +144,14 @@ pub fn commits(sync: SyncPolicy) -> (f64, bool) {
     }
 }
 
-/// Bakes with a progress bar; stops between directions when asked by a signal. Returns the exit code.
+/// Bakes with a progress bar; stops between directions when asked by a signal. Returns the exit code
+/// and where the time went.
 pub fn bake_with_bar(
     scene: &Scene,
     parameters: &Parameters,
     output: &Path,
     how: How,
-) -> anyhow::Result<u8> {
+) -> anyhow::Result<(u8, Spent)> {
     if let Some(limit) = group::memory_limit().filter(|limit| how.memory > *limit) {
         let words = |bytes| ByteSize::b(bytes).display().iec().to_string();
         let (memory, limit) = (words(how.memory), words(limit));
@@ -163,11 +172,16 @@ pub fn bake_with_bar(
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     let bar = Bar::new("baking");
     let (commit_every, sync) = commits(how.sync);
+    let profile = Mutex::new(Profile::default());
+    let told = |p: &Progress| {
+        *profile.lock().unwrap_or_else(PoisonError::into_inner) = p.profile;
+        bar.bake(p);
+    };
     let options = Options {
         memory: how.memory,
         threads: threads(how.threads)?,
         stop: &stop,
-        progress: &|p| bar.bake(p),
+        progress: &told,
         order: None,
         commit_every,
         terms: Terms { sync, lock: how.lock },
@@ -175,15 +189,17 @@ pub fn bake_with_bar(
     };
     let disk = Arc::new(Disk::within(output, how.limits));
     let outcome = bake_in(disk, scene, parameters, &options);
-    bar.end();
+    let seconds = bar.end().as_secs_f64();
+    let profile = *profile.lock().unwrap_or_else(PoisonError::into_inner);
+    let spent = Spent { profile, seconds, threads: options.threads };
     match outcome.with_context(|| format!("baking {}", output.display()))? {
-        Outcome::Finished => Ok(0),
+        Outcome::Finished => Ok((0, spent)),
         Outcome::Stopped => {
             tell(&format!(
                 "stopped cleanly {}; run the same command again to go on",
                 info::standing(output, &how.limits)?
             ));
-            Ok(signal.load(Ordering::Relaxed) as u8)
+            Ok((signal.load(Ordering::Relaxed) as u8, spent))
         }
     }
 }

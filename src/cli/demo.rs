@@ -34,7 +34,8 @@ pub fn run(a: &args::Demo) -> anyhow::Result<u8> {
     let defaults = bake::defaults(Quality::Preview);
     let parameters =
         Parameters { perturbations, texel_cells: 1.0, unshot_fraction: 4e-3, ..defaults };
-    let code = bake::bake_with_bar(&scene, &parameters, &field, How::usual(MEMORY, a.threads))?;
+    let (code, _) =
+        bake::bake_with_bar(&scene, &parameters, &field, How::usual(MEMORY, a.threads))?;
     if code != 0 {
         return Ok(code);
     }

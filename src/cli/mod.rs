@@ -12,6 +12,7 @@ mod probe;
 mod progress;
 mod render;
 mod scene;
+mod stats;
 mod verify;
 mod views;
 

@@ -62,6 +62,7 @@ impl Bake<'_> {
             unshot: unshot.last().copied().unwrap_or(1.0),
             work: self.work + step * (inside - before),
             work_left: step * (1.0 - inside) + left,
+            profile: self.profile,
         });
     }
 

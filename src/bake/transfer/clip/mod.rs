@@ -128,6 +128,11 @@ impl Clip {
         dispatch!(level, _ => self.exchange_all::<SHARES, COUNTS>(pairs, ground, current, sums))
     }
 
+    /// Texels under the ends of the pairs that were exchanged last.
+    pub fn tap_count(&self) -> usize {
+        self.taps.len()
+    }
+
     #[inline(always)]
     fn exchange_all<const SHARES: i64, const COUNTS: i64>(
         &mut self,
