@@ -23,6 +23,9 @@ pub struct Comparison {
     pub relmse_trimmed: f64,
     /// The root of the largest pixel's `(a - b)^2 / (b^2 + e)`, the mean over its channels.
     pub worst: f64,
+    /// The largest `|a - b| / sqrt(b^2 + e)` of all channels, `b` the pixel's brightest: what a pack states its
+    /// error of cells by.
+    pub worst_of_brightest: f64,
     /// relMSE of the means of 8 x 8 blocks: noise averages out, a systematic error stays. `None` for
     /// pictures smaller than one block.
     pub block8: Option<f64>,
@@ -72,7 +75,11 @@ pub fn compare(test: &Picture, reference: &Picture) -> Result<Comparison, Compar
     let count = a.len();
     let mut squares = 0.0;
     let mut per_pixel = Vec::with_capacity(count);
+    let mut worst_of_brightest = 0.0f64;
     for (p, q) in a.iter().zip(&b) {
+        let brightest = q.iter().fold(0.0f64, |most, c| most.max(c.abs()));
+        let off = (0..3).map(|c| (p[c] - q[c]).abs()).fold(0.0, f64::max);
+        worst_of_brightest = worst_of_brightest.max(off / (brightest * brightest + eps).sqrt());
         squares += (0..3).map(|c| (p[c] - q[c]).powi(2)).sum::<f64>();
         per_pixel.push(relative_square(p, q, eps));
     }
@@ -86,6 +93,7 @@ pub fn compare(test: &Picture, reference: &Picture) -> Result<Comparison, Compar
         relmse,
         relmse_trimmed: per_pixel[..kept].iter().sum::<f64>() / kept as f64,
         worst: per_pixel.last().copied().unwrap_or_default().sqrt(),
+        worst_of_brightest,
         block8: block8(&a, &b, width, height, eps),
         eps,
         ratio: mean_a.iter().sum::<f64>() / mean_b.iter().sum::<f64>(),
@@ -100,6 +108,7 @@ impl fmt::Display for Comparison {
         write!(f, "RMSE {:.6} relMSE {:.6}", Short(self.rmse), Short(self.relmse))?;
         write!(f, " (without the worst 0.1 % {:.6})", Short(self.relmse_trimmed))?;
         write!(f, " worst pixel {:.6}", Short(self.worst))?;
+        write!(f, " (of its brightest channel {:.6})", Short(self.worst_of_brightest))?;
         if let Some(block8) = self.block8 {
             write!(f, " block8 {:.6}", Short(block8))?;
         }

@@ -18,6 +18,8 @@ fn numbers_worked_out_by_hand() {
     near(c.rmse, (0.25f64 / 3.0).sqrt());
     near(c.relmse, 0.25 / 1.04 / 3.0);
     near(c.relmse_trimmed, c.relmse);
+    near(c.worst, c.relmse.sqrt());
+    near(c.worst_of_brightest, 0.5 / 9.04f64.sqrt());
     near(c.block8.unwrap(), c.relmse);
     near(c.ratio, 6.5 / 6.0);
     near(c.ratio_rgb[0], 1.5);
