@@ -19,6 +19,7 @@ mod views;
 use clap::Parser;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
+use vlf::bake::transfer::level;
 use vlf::exit;
 
 /// Parses the arguments, runs the command, prints what went wrong, and gives the exit code.
@@ -29,7 +30,27 @@ pub fn run() -> ExitCode {
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .init();
-    let result = match args::Cli::parse().command {
+    let result = chosen_level().and_then(|()| run_command(args::Cli::parse().command));
+    match result {
+        Ok(code) => ExitCode::from(code),
+        Err(error) if exit::is_broken_pipe(error.as_ref()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let _ = writeln!(std::io::stderr(), "vlf: {error:#}");
+            ExitCode::from(exit::code(error.as_ref()))
+        }
+    }
+}
+
+/// Takes the instructions that `VLF_SIMD` asks for.
+fn chosen_level() -> anyhow::Result<()> {
+    match std::env::var("VLF_SIMD") {
+        Ok(name) => level::ask_for(&name).map_err(|why| usage(format!("VLF_SIMD={name}: {why}"))),
+        Err(_) => Ok(()),
+    }
+}
+
+fn run_command(command: args::Command) -> anyhow::Result<u8> {
+    match command {
         args::Command::Demo(a) => demo::run(&a),
         args::Command::Plan(a) => plan::run(&a),
         args::Command::Bake(a) => bake::run(&a),
@@ -39,14 +60,6 @@ pub fn run() -> ExitCode {
         args::Command::Probe(a) => probe::run(&a),
         args::Command::Compare(a) => compare::run(&a),
         args::Command::Scene(a) => scene::run(&a),
-    };
-    match result {
-        Ok(code) => ExitCode::from(code),
-        Err(error) if exit::is_broken_pipe(error.as_ref()) => ExitCode::SUCCESS,
-        Err(error) => {
-            let _ = writeln!(std::io::stderr(), "vlf: {error:#}");
-            ExitCode::from(exit::code(error.as_ref()))
-        }
     }
 }
 

@@ -12,6 +12,7 @@ pub mod overlap;
 
 use self::overlap::{Cells, WHOLE, Windows};
 use super::Fixed;
+use super::level::level;
 use crate::bake::reach::Sealed;
 use crate::ids::Cell;
 use crate::scene::cuts::Cuts;
@@ -90,7 +91,7 @@ pub struct Clip {
 
 impl Default for Clip {
     fn default() -> Clip {
-        Clip::new(Level::new())
+        Clip::new(level())
     }
 }
 

@@ -209,24 +209,11 @@ impl Facing {
     }
 }
 
-/// Every level that this processor has.
-fn levels() -> Vec<Level> {
-    use fearless_simd::Simd;
-    let mut levels = vec![Level::baseline(), Level::new()];
-    #[cfg(target_arch = "x86_64")]
-    {
-        let best = Level::new();
-        levels.extend(best.as_sse4_2().map(|simd| simd.level()));
-        levels.extend(best.as_avx2().map(|simd| simd.level()));
-    }
-    levels
-}
-
 #[test]
 fn all_levels_of_instructions_find_the_same_bits() {
     let facing = Facing::new();
     let plain = facing.exchange(Level::baseline());
-    for level in levels() {
+    for level in crate::bake::transfer::level::all() {
         assert!(facing.exchange(level) == plain, "{level:?}");
     }
 }
