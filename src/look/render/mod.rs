@@ -65,6 +65,10 @@ const REFINED: u32 = 16;
 /// A pixel's mean that may be off by more than this part of itself is uncertain.
 const UNCERTAIN: f64 = 0.05;
 
+/// Of [`UNCERTAIN`] squared, where doubt begins: between the two, more samples count in part. A picture is then a
+/// continuous function of what is looked at; a threshold would let a field's last bits decide whole samples.
+const DOUBT: f64 = 0.5;
+
 /// Sums from which the error of a mean is judged.
 #[derive(Default)]
 struct Moments {
@@ -80,11 +84,16 @@ impl Moments {
         self.squares += value * value;
     }
 
-    /// Whether the standard error of the mean is above [`UNCERTAIN`] of the mean. The samples are
-    /// stratified, so the true error is less.
-    fn is_uncertain(&self) -> bool {
+    /// How much more samples are to count, from 0 where the standard error of the mean is small to 1 where it
+    /// is [`UNCERTAIN`] of the mean or more. The samples are stratified, so the true error is less.
+    fn doubt(&self) -> f64 {
         let variance = (self.squares - self.sum * self.sum / self.count).max(0.0);
-        variance > (UNCERTAIN * self.sum).powi(2)
+        let bound = (UNCERTAIN * self.sum).powi(2);
+        // Also where both are 0.
+        if variance <= DOUBT * bound {
+            return 0.0;
+        }
+        ((variance - DOUBT * bound) / (bound - DOUBT * bound)).min(1.0)
     }
 }
 
@@ -125,8 +134,10 @@ pub fn render_with<'a>(
         // Sums of many samples in f64: the mean of equal values is that value.
         let mut sum = [0.0f64; 3];
         let mut moments = Moments::default();
-        let mut taken = 0;
-        let mut wanted = samples as usize;
+        // The mean of the samples so far, and the pixel, which follows it as far as it was in doubt.
+        let (mut mean, mut value) = ([0.0f64; 3], [0.0f64; 3]);
+        let mut follows = 1.0;
+        let (mut taken, mut wanted) = (0, samples as usize);
         while taken < wanted {
             for place in &places[taken..wanted] {
                 let [dx, dy] = if samples == 1 { [0.5; 2] } else { shuffled(*place, seed) };
@@ -137,11 +148,15 @@ pub fn render_with<'a>(
                 moments.add(f64::from(found.mean()));
             }
             taken = wanted;
-            if samples > 1 && moments.is_uncertain() {
+            let before = mean;
+            mean = sum.map(|s| s / taken as f64);
+            (0..3).for_each(|c| value[c] += follows * (mean[c] - before[c]));
+            follows *= moments.doubt();
+            if samples > 1 && follows > 0.0 {
                 wanted = (2 * wanted).min(places.len());
             }
         }
-        Rgb(sum.map(|s| (s / taken as f64) as f32))
+        Rgb(value.map(|v| v as f32))
     };
     let mut picture = Picture::black(camera.width, camera.height);
     let rows_done = AtomicUsize::new(0);
@@ -293,6 +308,29 @@ mod tests {
         let fine = mean(camera(400, 300), 4);
         assert!((mean(camera(8, 6), 256) - fine).abs() < 2e-3);
         assert!((mean(camera(40, 30), 16) - fine).abs() < 2e-3);
+    }
+
+    /// No pixel jumps when what is looked at changes a little, as from a field to its pack: not even where
+    /// its samples begin to disagree enough for more to be taken.
+    #[test]
+    fn a_pixel_is_a_continuous_function_of_what_it_sees() {
+        let scene = room();
+        let visible = Visible::new(&scene);
+        let options = Options { samples: 4, ..Options::default() };
+        let picture = |dark: f32| {
+            let shade =
+                |_: Vec3, hit: &Hit| Rgb::splat(if hit.surface.0 == 4 { 1.0 } else { dark });
+            render(&scene, &visible, &camera(40, 30), options, &shade, &|_| ())
+        };
+        let mut before = picture(0.3);
+        for step in 1..=300 {
+            let after = picture(0.3 + 0.002 * step as f32);
+            let jumps =
+                before.pixels.iter().zip(&after.pixels).map(|(a, b)| (a.0[0] - b.0[0]).abs());
+            let jump = jumps.fold(0.0, f32::max);
+            assert!(jump < 0.006, "{jump} when the dark walls are {}", 0.3 + 0.002 * step as f32);
+            before = after;
+        }
     }
 
     #[test]
