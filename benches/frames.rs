@@ -89,7 +89,7 @@ fn raster(visible: &Visible, view: &View, size: (u32, u32)) -> usize {
     let primary = Primary::new(visible, view, size);
     let count = |into: &mut Band, band: usize| {
         let mut met = 0;
-        primary.draw(band, into, |_, _, hit| met += usize::from(hit.is_some()));
+        primary.draw(band, into, |_, packet| met += packet.met());
         met
     };
     let bands = size.1.div_ceil(BAND as u32) as usize;

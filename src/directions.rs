@@ -10,6 +10,10 @@
 //! hemisphere `z >= 0`, the four corner triangles the other one. The lattice is the square's grid of
 //! step `1 / m`, so lattices of growing `k` are nested.
 
+mod sixteen;
+
+pub use sixteen::Triangles;
+
 use crate::ids::{DirectionId, Sense};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::cmp::Reverse;
@@ -343,20 +347,22 @@ fn sphere_to_square_f32(d: Vec3) -> Vec2 {
 /// 1964, 4.4.49).
 #[inline]
 fn arctangent(t: f32) -> f32 {
-    const COEFFICIENTS: [f32; 9] = [
-        0.002_866_225_7,
-        -0.016_165_737,
-        0.042_909_614,
-        -0.075_289_64,
-        0.106_562_64,
-        -0.142_089,
-        0.199_935_51,
-        -0.333_331_45,
-        1.0,
-    ];
     let square = t * t;
-    t * COEFFICIENTS.iter().fold(0.0, |sum, c| sum * square + c)
+    t * ARCTANGENT.iter().fold(0.0, |sum, c| sum * square + c)
 }
+
+/// Coefficients of [`arctangent`], the highest power's first.
+const ARCTANGENT: [f32; 9] = [
+    0.002_866_225_7,
+    -0.016_165_737,
+    0.042_909_614,
+    -0.075_289_64,
+    0.106_562_64,
+    -0.142_089,
+    0.199_935_51,
+    -0.333_331_45,
+    1.0,
+];
 
 /// Rounded down, without the call that it is where a processor may lack the instruction.
 #[inline]

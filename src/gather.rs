@@ -172,10 +172,10 @@ pub fn mirrored(outgoing: Vec3, normal: Vec3) -> Vec3 {
 #[inline]
 pub fn between_cells(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Option<Rgb> {
     let found = between(cells, psf, point);
-    (found.w > 0.0).then(|| Rgb(found.truncate().to_array()))
+    (found.w > 0.0).then(|| Rgb((found / found.w).truncate().to_array()))
 }
 
-/// The same as red, green, blue and 1, or all 0 for none.
+/// The same as a sum of red, green, blue and 1, each times its cell's weight; all 0 for none.
 #[inline]
 pub fn between(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Vec4 {
     let at = psf.project(point);
@@ -185,37 +185,23 @@ pub fn between(cells: &mut impl Cells, psf: &Psf, point: Vec3) -> Vec4 {
     let (i, j) = (down(x), down(y));
     let (fx, fy) = (x - i as f32, y - j as f32);
     let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-    // A cell that alone is found counts even where its bilinear weight vanishes.
-    let parts = cells.four(i, j).into_iter().zip(weights).map(|(cell, w)| cell * w.max(1e-4));
+    let parts = cells.four(i, j).into_iter().zip(weights).map(|(cell, w)| cell * w.max(LEAST));
     let found: Vec4 = parts.sum();
-    if found.w > 0.0 {
-        return found / found.w;
-    }
-    in_ring(cells, i, j)
+    if found.w > 0.0 { found } else { in_ring(cells, i, j) }
 }
 
+/// A cell that alone is found counts even where its bilinear weight vanishes.
+pub const LEAST: f32 = 1e-4;
+
+/// The sum over the ring around four cells that are not covered, the first of which is given; all 0 for none.
 #[inline(never)]
-fn in_ring(cells: &mut impl Cells, i: i32, j: i32) -> Vec4 {
-    let found = RING.into_iter().filter_map(|(di, dj)| cells.radiance(i + di, j + dj));
-    let sum: Vec4 = found.map(|rgb| Vec3::from(rgb.0).extend(1.0)).sum();
-    if sum.w > 0.0 { sum / sum.w } else { Vec4::ZERO }
+pub fn in_ring(cells: &mut impl Cells, i: i32, j: i32) -> Vec4 {
+    let [below, above] = [j - 1, j + 1].map(|j| [i - 1, i + 1].map(|i| cells.four(i, j)));
+    let rows = [below, above].into_iter().flat_map(|[left, right]| {
+        [[left[0], left[1], right[0], right[1]], [left[2], left[3], right[2], right[3]]]
+    });
+    rows.flatten().sum()
 }
-
-/// The twelve cells around the inner four, as offsets from the lower left of those.
-const RING: [(i32, i32); 12] = [
-    (-1, -1),
-    (0, -1),
-    (1, -1),
-    (2, -1),
-    (-1, 0),
-    (2, 0),
-    (-1, 1),
-    (2, 1),
-    (-1, 2),
-    (0, 2),
-    (1, 2),
-    (2, 2),
-];
 
 /// Looks cells of one surface up and remembers the tile it found last.
 pub struct Lookup<'a> {

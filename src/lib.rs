@@ -56,6 +56,8 @@
 //! The modules stand in the order in which the data goes through them; each imports only from those
 //! above it, and [`look`] knows nothing of how a field is made. `format-spec/` describes the files.
 
+pub mod level;
+
 pub mod radiance;
 
 pub mod ids;

@@ -7,6 +7,7 @@
 use crate::ids::{Side, SurfaceId};
 use crate::scene::contacts::{CONTACT, Contacts};
 use crate::scene::{Scene, triangulate};
+use fearless_simd::{Simd, f64x8};
 use glam::{DVec3, Vec3, Vec3A};
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::cwbvh::{CwBvh, bvh2_to_cwbvh::bvh2_to_cwbvh};
@@ -47,7 +48,6 @@ pub struct Hit {
 }
 
 /// A triangle of a surface, ready to be met.
-/// A triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Facet {
     /// Its first corner.
@@ -162,11 +162,11 @@ impl Visible {
         }
     }
 
-    /// The hit of a ray that is known to meet a surface first.
-    pub fn hit_on(&self, surface: u32, origin: Vec3, dir: Vec3) -> Hit {
-        let (o, d) = (origin.as_dvec3(), dir.as_dvec3());
+    /// The hits of rays that are known to meet a surface first.
+    #[inline]
+    pub fn meeting(&self, surface: u32) -> Meeting {
         let (normal, offset) = self.touching_plane(surface);
-        self.hit(surface, o, d, (offset - normal.dot(o)) / normal.dot(d))
+        Meeting { plane: self.planes[surface as usize], touching: Plane { normal, offset } }
     }
 
     /// The scene's triangles.
@@ -241,6 +241,40 @@ impl Visible {
                 && f.meet(eye + plane.normal, -plane.normal).is_finite()
         };
         self.facets.iter().find(near).map(|f| SurfaceId(f.surface))
+    }
+}
+
+/// Where rays meet a surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Meeting {
+    plane: Plane,
+    /// The plane in which the surface lies with those that it touches.
+    touching: Plane,
+}
+
+/// Where eight rays meet a surface.
+pub struct Met<S: Simd> {
+    /// As [`Hit::point`], x, y and z.
+    pub points: [f64x8<S>; 3],
+    /// As [`Hit::distance`].
+    pub distances: f64x8<S>,
+    /// Above 0 where the front faces the rays' origin.
+    pub facing: f64x8<S>,
+}
+
+impl Meeting {
+    /// Where eight rays of one origin do; each as [`Visible::nearest`] has it, but for the rounding of triangles'
+    /// corners.
+    #[inline(always)]
+    pub fn of_eight<S: Simd>(&self, o: DVec3, d: [f64x8<S>; 3]) -> Met<S> {
+        let along = |n: DVec3, v: [f64x8<S>; 3]| v[0] * n.x + v[1] * n.y + v[2] * n.z;
+        let Plane { normal, offset } = self.plane;
+        let ahead = self.touching.offset - self.touching.normal.dot(o);
+        let distances = ahead / along(self.touching.normal, d);
+        let p = [d[0] * distances + o.x, d[1] * distances + o.y, d[2] * distances + o.z];
+        let off = along(normal, p) - offset;
+        let points = [p[0] - off * normal.x, p[1] - off * normal.y, p[2] - off * normal.z];
+        Met { points, distances, facing: -along(normal, d) }
     }
 }
 

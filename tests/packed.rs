@@ -11,10 +11,12 @@ use vlf::format::container::Codec;
 use vlf::format::limits::Limits;
 use vlf::look::lightfield::LookError;
 use vlf::look::packed::Access;
+use vlf::look::packet::LANES;
 use vlf::look::render::method::Method;
+use vlf::look::render::primary::{BAND, Band, Primary};
 use vlf::pack::{Diffuse, Options, PackError, PackReport, pack, pack_from};
 use vlf::scene::texels;
-use vlf::{Cell, LightField, Rgb, Side, SurfaceId};
+use vlf::{Cell, LightField, Rgb, Side, SurfaceId, Visible};
 
 fn open_unmapped(path: &Path) -> Result<LightField, LookError> {
     LightField::open_within(path, Access::Read, &Limits::default())
@@ -176,6 +178,49 @@ fn field_raw_pack_and_compressed_pack_give_the_same_pictures() {
             assert!(pack.scene == field.scene && pack.total == field.total);
             let found = picture(pack, &camera, method, 2);
             assert!(found == expected, "{method:?}, {name}: another picture");
+        }
+    }
+}
+
+/// Rays of a packet are looked up together; each finds to the last bit what it finds alone, whatever the
+/// processor's instructions, on walls, in mirrors and on what is thinner than a cell.
+#[test]
+fn a_packet_shows_what_its_rays_show_one_by_one() {
+    for (name, least) in [("cornell_mirror", 0.9), ("office", 0.9), ("torture", 0.5)] {
+        let baked = Baked::new(&scene(name), &parameters(129, 32, 2));
+        let out = baked.path.with_extension("vlf");
+        pack(&baked.path, &out, Codec::Planes, &|_| {}).unwrap();
+        let left = baked.path.with_extension("left");
+        let diffuse = Diffuse::Texture;
+        packed(&baked, &left, &Options { diffuse, ..Options::exact(Codec::Planes) }).unwrap();
+        for path in [&out, &left] {
+            let field = LightField::open(path).unwrap();
+            let visible = Visible::new(&field.scene);
+            let camera = camera(name, 122, 90);
+            let view = camera.view(&field.scene.fit);
+            let primary = Primary::new(&visible, &view, (camera.width, camera.height));
+            let (mut together, mut alone) = (field.accessor(), field.accessor_for(1));
+            let (mut band, mut met, mut shown) = (Band::default(), 0, 0);
+            for k in 0..(camera.height as usize).div_ceil(BAND) {
+                primary.draw(k, &mut band, |_, packet| {
+                    let mut all = [Rgb::splat(-1.0); LANES];
+                    let found = together.radiances(packet, &mut all);
+                    for (k, rgb) in all.iter().enumerate() {
+                        let hit = packet.hit(k);
+                        met += usize::from(hit.is_some());
+                        if found >> k & 1 == 0 {
+                            continue;
+                        }
+                        shown += 1;
+                        let hit = hit.expect("what is shown is met");
+                        let one = alone.radiance(hit.surface, hit.point, -packet.dir(k)).unwrap();
+                        assert_eq!(one.0.map(f32::to_bits), rgb.0.map(f32::to_bits), "{hit:?}");
+                    }
+                });
+            }
+            let all = *path == out;
+            assert!(shown as f64 > if all { least * met as f64 } else { 0.0 }, "{name}: {shown}");
+            assert!(all || shown < met);
         }
     }
 }

@@ -19,8 +19,8 @@ mod views;
 use clap::Parser;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
-use vlf::bake::transfer::level;
 use vlf::exit;
+use vlf::level;
 
 /// Parses the arguments, runs the command, prints what went wrong, and gives the exit code.
 pub fn run() -> ExitCode {

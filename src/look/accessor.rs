@@ -3,14 +3,16 @@
 //! Neighbouring pixels need the same few maps; remembering them saves the shared cache's lock and keeps
 //! threads from writing to one another's memory.
 
+mod sixteen;
+
 use super::lightfield::LightField;
 use super::maps::Map;
-use super::recent::{Key, Recent};
+use super::recent::{Block, Grid, Recent, four_of, holding};
 use crate::directions::{Near, Triangle};
 use crate::format::FormatError;
 use crate::format::container::NO_DIRECTION;
 use crate::gather::{Cells, Four, Lookup, between, mirrored, shows};
-use crate::ids::{Cell, Sense, Side, SurfaceId};
+use crate::ids::{Cell, Side, SurfaceId};
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::{Reflectance, texels};
@@ -36,12 +38,13 @@ pub struct Accessor<'a> {
     /// The lookup that needed each last.
     used: [u64; REMEMBERED],
     lookups: u64,
+    /// Of which part of pictures it is, and what is remembered of that.
+    part: usize,
     recent: Recent,
     last: Last,
 }
 
-/// Where the last lookup was: the next pixel's, as a rule, is in the same triangle of directions and, in each,
-/// between the same four cells.
+/// Where the last lookup was: the next pixel's, as a rule, is in the same triangle of directions.
 struct Last {
     /// The surface, the side and the triangle; `None` before the first.
     of: Option<(SurfaceId, Side, Triangle)>,
@@ -50,15 +53,11 @@ struct Last {
     psfs: [Psf; 3],
     /// Where their maps are remembered; `None` for those without weight.
     places: [Option<usize>; 3],
-    fours: [([i32; 2], Four); 3],
 }
 
-/// The column and row of no four cells.
-const NOWHERE: [i32; 2] = [i32::MIN; 2];
-
 impl<'a> Accessor<'a> {
-    /// One that remembers nothing yet.
-    pub(super) fn new(field: &'a LightField) -> Accessor<'a> {
+    /// One for a part of pictures.
+    pub(super) fn new(field: &'a LightField, part: usize) -> Accessor<'a> {
         let LightField { scene, texels, total, .. } = field;
         Accessor {
             field,
@@ -67,13 +66,13 @@ impl<'a> Accessor<'a> {
             maps: [const { None }; REMEMBERED],
             used: [0; REMEMBERED],
             lookups: 0,
-            recent: field.remembered(),
+            part,
+            recent: field.remembered(part),
             last: Last {
                 of: None,
                 near: field.directions.corners(field.directions.around(Vec3::Z).0),
                 psfs: [Psf::new(Vec3::Z, 1); 3],
                 places: [None; 3],
-                fours: [(NOWHERE, Four::default()); 3],
             },
         }
     }
@@ -147,17 +146,20 @@ impl<'a> Accessor<'a> {
         let Accessor { last, maps, recent, texture, .. } = self;
         let mut sum = Vec4::ZERO;
         for (k, near) in last.near.iter().enumerate() {
-            let part = weights[k] * near.weight;
-            if part <= 0.0 {
+            let part = weights[k];
+            if part <= 0.0 || near.weight <= 0.0 {
                 continue;
             }
             let Some(map) = last.places[k].and_then(|place| maps[place].as_deref()) else {
                 continue;
             };
-            let key = Key::new(near.direction.0, (surface, near.sense), [0; 2]);
-            let shown = Shown { map, surface, sense: near.sense, psf: &last.psfs[k], texture };
-            let mut cells = Remembered { recent, key, shown, last: &mut last.fours[k] };
-            sum += part * between(&mut cells, &last.psfs[k], point);
+            let grid = Grid { direction: near.direction.0, surface, sense: near.sense };
+            let shown = Shown { map, grid, psf: &last.psfs[k], texture };
+            let mut cells = Remembered { recent, shown };
+            let found = between(&mut cells, &last.psfs[k], point);
+            if found.w > 0.0 {
+                sum += found * (part / found.w);
+            }
         }
         Ok((sum.w > 0.0).then(|| Rgb((sum / sum.w).truncate().to_array())))
     }
@@ -183,8 +185,7 @@ impl<'a> Accessor<'a> {
         }
         let resolution = manifest.parameters.resolution;
         let psf = |n: Near| Psf::new(directions.vector(n.direction), resolution);
-        let fours = [(NOWHERE, Four::default()); 3];
-        self.last = Last { of: Some(of), near, psfs: near.map(psf), places, fours };
+        self.last = Last { of: Some(of), near, psfs: near.map(psf), places };
         Ok(())
     }
 
@@ -214,26 +215,21 @@ impl<'a> Accessor<'a> {
 
 impl Drop for Accessor<'_> {
     fn drop(&mut self) {
-        self.field.remember(std::mem::take(&mut self.recent));
+        self.field.remember(self.part, std::mem::take(&mut self.recent));
     }
 }
 
 /// Cells of a surface as a map has them, or as the texture map has them that it leaves them to.
 struct Shown<'a> {
     map: &'a Map,
-    surface: SurfaceId,
-    sense: Sense,
+    grid: Grid,
     psf: &'a Psf,
     texture: &'a Texture<'a>,
 }
 
 impl<'a> Shown<'a> {
-    /// A cell and its three neighbours.
-    #[inline(never)]
-    fn four(&self, recent: &mut Recent, key: Key) -> Four {
-        let mut lookup = Lookup::new(self.map.tiles(), self.surface, self.sense);
-        let mut under = None;
-        recent.four(key, |i, j| self.radiance(&mut lookup, &mut under, i, j))
+    fn lookup(&self) -> Lookup<'a> {
+        Lookup::new(self.map.tiles(), self.grid.surface, self.grid.sense)
     }
 
     /// A cell; `under` is the surface's lattice under the cells, once it was needed.
@@ -250,33 +246,48 @@ impl<'a> Shown<'a> {
             return Some(stored);
         }
         if under.is_none() {
-            *under = self.texture.under(self.psf, self.surface);
+            *under = self.texture.under(self.psf, self.grid.surface);
         }
         let cell = Cell { i: i as u32, j: j as u32 };
-        Some(self.texture.value(under.as_ref()?, self.sense, cell, self.map.exponent()))
+        Some(self.texture.value(under.as_ref()?, self.grid.sense, cell, self.map.exponent()))
     }
 }
 
 /// The same, as far as it is not remembered.
 struct Remembered<'a, 'b> {
     recent: &'b mut Recent,
-    last: &'b mut ([i32; 2], Four),
-    /// Any cell of the grid.
-    key: Key,
     shown: Shown<'a>,
+}
+
+impl Remembered<'_, '_> {
+    /// The block that holds a cell, and where.
+    #[inline]
+    fn holding(&mut self, i: i32, j: i32) -> (&Block, usize) {
+        let (place, at) = holding(i, j);
+        (self.block(place), at)
+    }
+
+    /// A block of cells.
+    #[inline(always)]
+    fn block(&mut self, place: [i32; 2]) -> &Block {
+        let (mut lookup, mut under) = (None, None);
+        self.recent.block(self.shown.grid, place, |i, j| {
+            let lookup = lookup.get_or_insert_with(|| self.shown.lookup());
+            self.shown.radiance(lookup, &mut under, i, j)
+        })
+    }
 }
 
 impl Cells for Remembered<'_, '_> {
     fn radiance(&mut self, i: i32, j: i32) -> Option<Rgb> {
-        let Shown { map, surface, sense, .. } = self.shown;
-        self.shown.radiance(&mut Lookup::new(map.tiles(), surface, sense), &mut None, i, j)
+        let (block, at) = self.holding(i, j);
+        let cell = block[at];
+        (cell.w > 0.0).then(|| Rgb(cell.truncate().to_array()))
     }
 
     #[inline]
     fn four(&mut self, i: i32, j: i32) -> Four {
-        if self.last.0 != [i, j] {
-            *self.last = ([i, j], self.shown.four(self.recent, self.key.at(i, j)));
-        }
-        self.last.1
+        let (block, at) = self.holding(i, j);
+        four_of(block, at)
     }
 }

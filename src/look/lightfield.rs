@@ -86,12 +86,12 @@ pub struct LightField {
     pub(super) diffuse_left_out: bool,
     pub(super) source: Source,
     maps: Maps,
-    /// What accessors of before remembered, for those to come.
-    remembered: Mutex<Vec<Recent>>,
+    /// What accessors of before remembered, by the parts that they looked at, for those to come.
+    remembered: Mutex<Vec<Option<Recent>>>,
 }
 
-/// How many are kept, as many as threads may look at once.
-const MOST_REMEMBERED: usize = 64;
+/// For how many parts it is kept.
+const MOST_PARTS: usize = 256;
 
 fn read(path: &Path) -> Result<Vec<u8>, LookError> {
     let failed = |source| LookError::Io { path: path.to_owned(), source };
@@ -313,20 +313,28 @@ impl LightField {
 
     /// A thread's own way to the maps, which remembers the last ones.
     pub fn accessor(&self) -> Accessor<'_> {
-        Accessor::new(self)
+        self.accessor_for(0)
     }
 
-    /// What an accessor of before remembered.
-    pub(super) fn remembered(&self) -> Recent {
-        let kept = self.remembered.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        kept.unwrap_or_default()
+    /// The same for a part of pictures: what the last one for this part has seen is remembered.
+    pub fn accessor_for(&self, part: usize) -> Accessor<'_> {
+        Accessor::new(self, part)
     }
 
-    /// Keeps what an accessor remembers for one to come.
-    pub(super) fn remember(&self, recent: Recent) {
+    /// What an accessor of before remembered of a part.
+    pub(super) fn remembered(&self, part: usize) -> Recent {
         let mut kept = self.remembered.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.len() < MOST_REMEMBERED {
-            kept.push(recent);
+        kept.get_mut(part).and_then(Option::take).unwrap_or_default()
+    }
+
+    /// Keeps what an accessor remembers of a part for one to come.
+    pub(super) fn remember(&self, part: usize, recent: Recent) {
+        if part < MOST_PARTS {
+            let mut kept = self.remembered.lock().unwrap_or_else(PoisonError::into_inner);
+            if kept.len() <= part {
+                kept.resize_with(part + 1, Option::default);
+            }
+            kept[part] = Some(recent);
         }
     }
 

@@ -14,6 +14,8 @@ pub mod maps;
 
 pub mod recent;
 
+pub mod packet;
+
 pub mod accessor;
 
 pub mod lightfield;

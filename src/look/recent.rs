@@ -1,67 +1,119 @@
 //! What a thread looked up last: a cell of a tile map covers many pixels, and each of them needs four
 //! cells of three maps.
 //!
-//! Each place of a memory holds what came to it last, so that asking again costs one comparison. What a
-//! cell shows never changes while a field is open.
+//! Cells are remembered in blocks: where one is looked at, its neighbours soon are. Each place of a memory
+//! holds what came to it last, so that asking again costs one comparison. What a cell shows never changes
+//! while a field is open.
 
-use crate::gather::{Four, four};
+use crate::gather::Four;
 use crate::ids::{Sense, SurfaceId};
 use crate::radiance::Rgb;
+use glam::{Vec3, Vec4};
 
-/// Which cell: one of a direction's grid, as a surface shows it in a sense.
+/// Cells along the edge of a block whose neighbours to the right and below are in it too.
+pub const EDGE: i32 = 4;
+
+/// Cells along the edge of a block.
+pub const ROW: usize = EDGE as usize + 1;
+
+/// What the cells of a block show, row by row: red, green, blue and 1 of each, or 0 where the surface does not
+/// cover it.
+pub type Block = [Vec4; ROW * ROW];
+
+/// Which block: one of a direction's grid, as a surface shows it in a sense.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Key {
+struct Key {
     direction: u32,
     shown: u32,
-    /// Column and row.
-    cell: [i32; 2],
+    /// Its first column and row, in edges of blocks.
+    place: [i32; 2],
 }
 
 impl Key {
-    /// A cell in a column and row of a direction's grid, which need not be there.
-    pub fn new(direction: u32, (surface, sense): (SurfaceId, Sense), cell: [i32; 2]) -> Key {
-        Key { direction, shown: 2 * surface.0 + sense.slot() as u32, cell }
-    }
-
-    /// The same grid's cell in another column and row.
-    pub fn at(self, i: i32, j: i32) -> Key {
-        Key { cell: [i, j], ..self }
-    }
-
     /// A number for it, mixed.
-    fn hash(self) -> u32 {
-        let Key { direction, shown, cell: [i, j] } = self;
+    fn hash(self) -> usize {
+        let Key { direction, shown, place: [i, j] } = self;
         let grid = direction.wrapping_mul(0x9e37_79b1) ^ shown.wrapping_mul(0x85eb_ca6b);
-        (grid >> 15).wrapping_add((257 * j + i).cast_unsigned())
+        (grid >> 15).wrapping_add((67 * j + i).cast_unsigned()) as usize
     }
 }
 
-/// What the four cells around a point show, by the first of them. The pixels of a row meet some hundreds, those
-/// of the next row mostly the same; a picture meets some tens of thousands, and the next picture of a walk too.
-#[derive(Default)]
-pub struct Recent(Vec<(Option<Key>, Four)>);
+/// A direction's grid as a surface shows it in a sense.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid {
+    /// The direction.
+    pub direction: u32,
+    /// The surface.
+    pub surface: SurfaceId,
+    /// The sense.
+    pub sense: Sense,
+}
 
-/// How many are remembered: a power of two.
-const FOURS: usize = 1 << 16;
+/// The blocks that were looked up last. A part of a picture meets several hundred, and the same part of the next
+/// picture of a walk mostly the same.
+#[derive(Default)]
+pub struct Recent(Vec<(Option<Key>, Block)>);
+
+/// How many are remembered, 420 bytes each: a power of two.
+const BLOCKS: usize = 1 << 12;
 
 impl Recent {
-    /// What a cell shows, and those to the right of it, below it, and both.
+    /// What the block at a place shows; `look` finds what is not remembered.
     #[inline]
-    pub fn four(&mut self, first: Key, look: impl FnMut(i32, i32) -> Option<Rgb>) -> Four {
+    pub fn block(
+        &mut self,
+        grid: Grid,
+        place: [i32; 2],
+        look: impl FnMut(i32, i32) -> Option<Rgb>,
+    ) -> &Block {
         if self.0.is_empty() {
-            self.0.resize(FOURS, Default::default());
+            self.0.resize(BLOCKS, Default::default());
         }
-        let place = &mut self.0[first.hash() as usize % FOURS];
-        if place.0 != Some(first) {
-            *place = (Some(first), four(first.cell[0], first.cell[1], look));
+        let Grid { direction, surface, sense } = grid;
+        let key = Key { direction, shown: 2 * surface.0 + sense.slot() as u32, place };
+        let (known, block) = &mut self.0[key.hash() % BLOCKS];
+        if *known != Some(key) {
+            *known = None;
+            fill(block, key.place.map(|first| first * EDGE), look);
+            *known = Some(key);
         }
-        place.1
+        block
+    }
+}
+
+/// The place of the block that holds a cell and its neighbours to the right and below, and the cell's in it.
+#[inline]
+pub fn holding(i: i32, j: i32) -> ([i32; 2], usize) {
+    let [column, row] = [i, j].map(|v| v.rem_euclid(EDGE) as usize);
+    ([i.div_euclid(EDGE), j.div_euclid(EDGE)], row * ROW + column)
+}
+
+/// Four cells of a block, the first by its place in it.
+#[inline(always)]
+pub fn four_of(block: &Block, at: usize) -> Four {
+    [block[at], block[at + 1], block[at + ROW], block[at + ROW + 1]]
+}
+
+/// Looks a block's cells up: the last row and column after the others, for they may be in other tiles.
+#[inline]
+fn fill(block: &mut Block, [i, j]: [i32; 2], mut look: impl FnMut(i32, i32) -> Option<Rgb>) {
+    for rows in [0..EDGE, EDGE..EDGE + 1] {
+        for columns in [0..EDGE, EDGE..EDGE + 1] {
+            for row in rows.clone() {
+                for column in columns.clone() {
+                    let shown = look(i + column, j + row);
+                    block[row as usize * ROW + column as usize] =
+                        shown.map_or(Vec4::ZERO, |rgb| Vec3::from(rgb.0).extend(1.0));
+                }
+            }
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gather::four;
     use proptest::prelude::*;
 
     proptest! {
@@ -77,10 +129,11 @@ mod tests {
                     let own = Rgb([(1000 * direction + surface) as f32, sense.sign(), (256 * j + i) as f32]);
                     ((i + j) % 7 > 0).then_some(own)
                 };
-                let key = Key::new(direction, (SurfaceId(surface), sense), [i, j]);
+                let grid = Grid { direction, surface: SurfaceId(surface), sense };
+                let (place, at) = holding(i, j);
                 let all = four(i, j, own);
-                prop_assert_eq!(recent.four(key, own), all);
-                prop_assert_eq!(recent.four(key, |_, _| unreachable!()), all);
+                prop_assert_eq!(four_of(recent.block(grid, place, own), at), all);
+                prop_assert_eq!(four_of(recent.block(grid, place, |_, _| unreachable!()), at), all);
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use super::Fit;
 use crate::format::text::inert;
+use fearless_simd::{Simd, f64x8, prelude::*};
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read};
@@ -200,6 +201,17 @@ impl View {
     pub fn ray(&self, px: f64, py: f64) -> (Vec3, Vec3) {
         let direction = self.corner + self.across * px + self.down * py;
         (self.origin, direction.normalize().as_vec3())
+    }
+
+    /// The directions of eight rays, each as that of [`View::ray`], before they are rounded.
+    #[inline(always)]
+    pub fn eight<S: Simd>(&self, simd: S, px: f64x8<S>, py: f64x8<S>) -> [f64x8<S>; 3] {
+        let View { corner, across, down, .. } = self;
+        let x = px * across.x + corner.x + py * down.x;
+        let y = px * across.y + corner.y + py * down.y;
+        let z = px * across.z + corner.z + py * down.z;
+        let scale = f64x8::splat(simd, 1.0) / (x * x + y * y + z * z).sqrt();
+        [x * scale, y * scale, z * scale]
     }
 }
 

@@ -3,8 +3,6 @@
 //! Radiance is counted in fixed point while it is summed, so that the order of the sums, and with it
 //! the number of threads and the order of directions, cannot change a bit.
 
-pub mod level;
-
 pub mod clip;
 
 pub mod diffuse;

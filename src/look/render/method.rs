@@ -1,10 +1,12 @@
 //! The two methods of section 6, ready to take pictures of an opened field.
 
 use super::raytrace::Raytrace;
-use super::{Looker, Options, render, render_with};
+use super::{Look, Looker, Options, render, render_with};
 use crate::format::FormatError;
+use crate::look::accessor::Accessor;
 use crate::look::image::Picture;
 use crate::look::lightfield::LightField;
+use crate::look::packet::{Lanes, Packet};
 use crate::look::tone::auto_exposure;
 use crate::paths::{MAX_DEPTH, Paths};
 use crate::radiance::Rgb;
@@ -106,18 +108,34 @@ fn taken(
             render(scene, visible, camera, options, &radiance, progress)
         }
         Method::Field => {
-            let looker = || -> Looker {
-                let mut accessor = field.accessor();
-                let failure = &failure;
-                Box::new(move |dir, hit| {
-                    accessor.radiance(hit.surface, hit.point, -dir).unwrap_or_else(|e| {
-                        failure.get_or_init(|| e);
-                        Rgb::splat(f32::NAN)
-                    })
-                })
+            let looker = |part| -> Looker {
+                Box::new(ByField { accessor: field.accessor_for(part), failure: &failure })
             };
             render_with(scene, visible, camera, options, &looker, progress)
         }
     };
     (picture, failure.into_inner())
+}
+
+/// Looks total radiance maps up.
+struct ByField<'a> {
+    accessor: Accessor<'a>,
+    /// The first error; what met one is not a number.
+    failure: &'a OnceLock<FormatError>,
+}
+
+impl Look for ByField<'_> {
+    fn radiance(&mut self, dir: Vec3, hit: &Hit) -> Rgb {
+        self.accessor.radiance(hit.surface, hit.point, -dir).unwrap_or_else(|e| {
+            self.failure.get_or_init(|| e);
+            Rgb::splat(f32::NAN)
+        })
+    }
+
+    fn packet(&mut self, packet: &Packet, out: &mut Lanes<Rgb>) {
+        let found = self.accessor.radiances(packet, out);
+        for (k, out) in out.iter_mut().enumerate().filter(|(k, _)| found >> k & 1 == 0) {
+            *out = packet.hit(k).map_or(Rgb::BLACK, |hit| self.radiance(packet.dir(k), &hit));
+        }
+    }
 }

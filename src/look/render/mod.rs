@@ -5,6 +5,7 @@
 //! points of its square, a box filter; more of them where they disagree. Same bits for every run and any number of threads.
 
 use crate::look::image::Picture;
+use crate::look::packet::{EDGE, LANES, Lanes, Packet};
 use crate::radiance::Rgb;
 use crate::scene::{Scene, camera::Camera};
 use crate::visible::{Hit, Visible};
@@ -53,7 +54,29 @@ impl Default for Options {
 pub type Radiance<'a> = dyn Fn(Vec3, &Hit) -> Rgb + Sync + 'a;
 
 /// The same for one thread, which may remember what it has seen.
-pub type Looker<'a> = Box<dyn FnMut(Vec3, &Hit) -> Rgb + 'a>;
+pub trait Look {
+    /// As [`Radiance`].
+    fn radiance(&mut self, dir: Vec3, hit: &Hit) -> Rgb;
+
+    /// The same of the rays of a packet; black where nothing is met.
+    fn packet(&mut self, packet: &Packet, out: &mut Lanes<Rgb>) {
+        for (k, out) in out.iter_mut().enumerate() {
+            *out = packet.hit(k).map_or(Rgb::BLACK, |hit| self.radiance(packet.dir(k), &hit));
+        }
+    }
+}
+
+impl Look for &Radiance<'_> {
+    fn radiance(&mut self, dir: Vec3, hit: &Hit) -> Rgb {
+        self(dir, hit)
+    }
+}
+
+/// Who looks for one thread.
+pub type Looker<'a> = Box<dyn Look + 'a>;
+
+/// Parts of a picture, at least.
+const PARTS: usize = 16;
 
 /// Pixels after which `progress` is told within a row: rows of many samples take long.
 const TOLD_EVERY: usize = 32;
@@ -107,17 +130,18 @@ pub fn render(
     radiance: &Radiance<'_>,
     progress: &(dyn Fn(f32) + Sync),
 ) -> Picture {
-    let looker = || -> Looker { Box::new(|dir, hit| radiance(dir, hit)) };
+    let looker = |_| -> Looker { Box::new(radiance) };
     render_with(scene, visible, camera, options, &looker, progress)
 }
 
-/// The same with a function of its own for each thread, made by `looker`.
+/// The same with those who look made by `looker`, each for a part of the picture: pictures of one size have
+/// the same parts. No two look at once for one thread.
 pub fn render_with<'a>(
     scene: &Scene,
     visible: &Visible,
     camera: &Camera,
     options: Options,
-    looker: &(dyn Fn() -> Looker<'a> + Sync),
+    looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
     progress: &(dyn Fn(f32) + Sync),
 ) -> Picture {
     let (width, height) = (camera.width as usize, camera.height as usize);
@@ -143,7 +167,7 @@ pub fn render_with<'a>(
                 let [dx, dy] = if samples == 1 { [0.5; 2] } else { shuffled(*place, seed) };
                 let (origin, dir) = ray(x as f64 + dx, y as f64 + dy);
                 let hit = visible.nearest(origin, dir, 0.0);
-                let found = hit.map_or(Rgb::BLACK, |hit| look(dir, &hit));
+                let found = hit.map_or(Rgb::BLACK, |hit| look.radiance(dir, &hit));
                 (0..3).for_each(|c| sum[c] += f64::from(found.0[c]));
                 moments.add(f64::from(found.mean()));
             }
@@ -166,28 +190,37 @@ pub fn render_with<'a>(
     };
     if samples == 1 && options.projection == Projection::Perspective {
         let primary = Primary::new(visible, &view, (camera.width, camera.height));
-        let bands = picture.pixels.par_chunks_mut((width * BAND).max(1)).enumerate();
-        bands.for_each_init(
-            || (looker(), Band::default()),
-            |(look, into), (band, out)| {
-                primary.draw(band, into, |place, dir, hit| {
-                    out[place] = hit.map_or(Rgb::BLACK, |hit| look(dir, &hit));
+        let bands = (height.div_ceil(BAND)).div_ceil(PARTS.max(4 * rayon::current_num_threads()));
+        let parts = picture.pixels.par_chunks_mut((width * BAND * bands).max(1)).enumerate();
+        parts.for_each_init(Band::default, |into, (part, out)| {
+            let (mut look, mut seen) = (looker(part), [Rgb::BLACK; LANES]);
+            for (k, out) in out.chunks_mut((width * BAND).max(1)).enumerate() {
+                primary.draw(part * bands + k, into, |[column, row], packet| {
+                    look.packet(packet, &mut seen);
+                    let rows = out[row * width..].chunks_mut(width);
+                    for (row, seen) in rows.zip(seen.chunks(EDGE)) {
+                        let here = &mut row[column..width.min(column + EDGE)];
+                        here.copy_from_slice(&seen[..here.len()]);
+                    }
                 });
                 tell(out.len() / width);
-            },
-        );
+            }
+        });
         return picture;
     }
     let rows = picture.pixels.par_chunks_mut(width.max(1)).enumerate();
-    rows.for_each_init(looker, |look, (y, row)| {
-        for (x, out) in row.iter_mut().enumerate() {
-            *out = pixel(look, x, y);
-            if x % TOLD_EVERY == TOLD_EVERY - 1 {
-                tell(0);
+    rows.for_each_init(
+        || looker(0),
+        |look, (y, row)| {
+            for (x, out) in row.iter_mut().enumerate() {
+                *out = pixel(look, x, y);
+                if x % TOLD_EVERY == TOLD_EVERY - 1 {
+                    tell(0);
+                }
             }
-        }
-        tell(1);
-    });
+            tell(1);
+        },
+    );
     picture
 }
 

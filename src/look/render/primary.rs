@@ -5,16 +5,16 @@
 //! a triangle where three planes through the eye and its edges say so, and these, like one over the
 //! distance, are linear in the picture (Olano and Greer 1997).
 
+use crate::level::level;
+use crate::look::packet::{EDGE, LANES, NONE, Packet};
 use crate::scene::camera::View;
-use crate::visible::{COINCIDENT, Facet, Hit, Visible};
-use glam::{DVec3, Vec3};
+use crate::visible::{COINCIDENT, Facet, Visible};
+use fearless_simd::dispatch;
+use glam::DVec3;
 use rayon::prelude::*;
 
-/// Rows that are drawn together: their depths stay in a core's own cache.
-pub const BAND: usize = 8;
-
-/// No surface.
-const NONE: u32 = u32::MAX;
+/// Rows that are drawn together: their depths stay in a core's own cache. Whole packets.
+pub const BAND: usize = 2 * EDGE;
 
 /// Triangles that a task sets up.
 const SETUP: usize = 1024;
@@ -130,6 +130,7 @@ pub struct Primary<'a> {
 pub struct Band {
     nearness: Vec<f64>,
     surfaces: Vec<u32>,
+    packet: Packet,
 }
 
 impl<'a> Primary<'a> {
@@ -149,14 +150,9 @@ impl<'a> Primary<'a> {
         Primary { visible, view, size, triangles, bands }
     }
 
-    /// Draws a band and hands over every pixel's ray with what it meets, row by row: place in the
-    /// band, direction, hit.
-    pub fn draw(
-        &self,
-        band: usize,
-        into: &mut Band,
-        mut take: impl FnMut(usize, Vec3, Option<Hit>),
-    ) {
+    /// Draws a band and hands its pixels over in packets, with the column and, in the band, the row of the
+    /// first.
+    pub fn draw(&self, band: usize, into: &mut Band, mut take: impl FnMut([usize; 2], &Packet)) {
         let width = self.size.0 as usize;
         let first = band * BAND;
         let count = BAND.min(self.size.1 as usize - first);
@@ -167,11 +163,20 @@ impl<'a> Primary<'a> {
         for index in &self.bands[band] {
             self.fill(&self.triangles[*index as usize], first, into);
         }
-        for (place, surface) in into.surfaces.iter().enumerate() {
-            let (x, y) = (place % width, first + place / width);
-            let (origin, dir) = self.view.ray(x as f64 + 0.5, y as f64 + 0.5);
-            let hit = (*surface != NONE).then(|| self.visible.hit_on(*surface, origin, dir));
-            take(place, dir, hit);
+        let Band { surfaces, packet, .. } = into;
+        let level = level();
+        for row in (0..count).step_by(EDGE) {
+            for column in (0..width).step_by(EDGE) {
+                let mut met = [NONE; LANES];
+                let rows = surfaces[row * width..].chunks(width);
+                for (met, row) in met.chunks_mut(EDGE).zip(rows) {
+                    let here = &row[column..width.min(column + EDGE)];
+                    met[..here.len()].copy_from_slice(here);
+                }
+                let first = [column, first + row];
+                dispatch!(level, simd => packet.send(simd, self.view, first, (met, self.visible)));
+                take([column, row], packet);
+            }
         }
     }
 
@@ -213,7 +218,8 @@ mod tests {
     use crate::scene::Scene;
     use crate::scene::camera::Camera;
     use crate::scene::test_scenes::Dice;
-    use glam::DVec3;
+    use crate::visible::Hit;
+    use glam::Vec3;
 
     fn scene(name: &str) -> Scene {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
@@ -223,9 +229,18 @@ mod tests {
     /// Every pixel's hit, drawn.
     fn drawn(visible: &Visible, view: &View, size: (u32, u32)) -> Vec<Option<Hit>> {
         let primary = Primary::new(visible, view, size);
-        let (mut band, mut out) = (Band::default(), Vec::new());
-        for k in 0..size.1.div_ceil(BAND as u32) as usize {
-            primary.draw(k, &mut band, |_, _, hit| out.push(hit));
+        let (width, height) = (size.0 as usize, size.1 as usize);
+        let (mut band, mut out) = (Band::default(), vec![None; width * height]);
+        for k in 0..height.div_ceil(BAND) {
+            primary.draw(k, &mut band, |[column, row], packet| {
+                for lane in 0..LANES {
+                    let (x, y) = (column + lane % EDGE, k * BAND + row + lane / EDGE);
+                    match x < width && y < height {
+                        true => out[y * width + x] = packet.hit(lane),
+                        false => assert_eq!(packet.hit(lane), None),
+                    }
+                }
+            });
         }
         out
     }

@@ -12,9 +12,9 @@ pub mod overlap;
 
 use self::overlap::{Cells, WHOLE, Windows};
 use super::Fixed;
-use super::level::level;
 use crate::bake::reach::Sealed;
 use crate::ids::Cell;
+use crate::level::level;
 use crate::scene::cuts::Cuts;
 use fearless_simd::{Level, dispatch};
 

@@ -213,7 +213,7 @@ impl Facing {
 fn all_levels_of_instructions_find_the_same_bits() {
     let facing = Facing::new();
     let plain = facing.exchange(Level::baseline());
-    for level in crate::bake::transfer::level::all() {
+    for level in crate::level::all() {
         assert!(facing.exchange(level) == plain, "{level:?}");
     }
 }

@@ -1,5 +1,5 @@
 //! Which of the processor's instructions are used: the best that it has, unless others are asked for. They change
-//! no bit of a field; asking is for measuring them, and for proving that.
+//! no bit of a field or a picture; asking is for measuring them, and for proving that.
 
 use fearless_simd::Level;
 #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
