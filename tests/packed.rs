@@ -12,9 +12,12 @@ use vlf::format::limits::Limits;
 use vlf::look::lightfield::LookError;
 use vlf::look::packed::Access;
 use vlf::look::packet::LANES;
+use vlf::look::render::Look;
 use vlf::look::render::method::Method;
 use vlf::look::render::primary::{BAND, Band, Primary};
+use vlf::look::render::raytrace::Raytrace;
 use vlf::pack::{Diffuse, Options, PackError, PackReport, pack, pack_from};
+use vlf::paths::{MAX_DEPTH, Paths};
 use vlf::scene::texels;
 use vlf::{Cell, LightField, Rgb, Side, SurfaceId, Visible};
 
@@ -200,10 +203,17 @@ fn a_packet_shows_what_its_rays_show_one_by_one() {
             let view = camera.view(&field.scene.fit);
             let primary = Primary::new(&visible, &view, (camera.width, camera.height));
             let (mut together, mut alone) = (field.accessor(), field.accessor_for(1));
+            let paths = Paths { scene: &field.scene, visible: &visible, max_depth: MAX_DEPTH };
+            let mut traced = Raytrace { paths, texels: &field.texels, values: &field.total };
             let (mut band, mut met, mut shown) = (Band::default(), 0, 0);
             for k in 0..(camera.height as usize).div_ceil(BAND) {
                 primary.draw(k, &mut band, |_, packet| {
                     let mut all = [Rgb::splat(-1.0); LANES];
+                    Look::packet(&mut traced, packet, &mut all);
+                    for (k, rgb) in all.iter().enumerate() {
+                        let one = packet.hit(k).map(|hit| traced.radiance(packet.dir(k), &hit));
+                        assert_eq!(one.unwrap_or(Rgb::BLACK), *rgb, "{:?}", packet.hit(k));
+                    }
                     let found = together.radiances(packet, &mut all);
                     for (k, rgb) in all.iter().enumerate() {
                         let hit = packet.hit(k);

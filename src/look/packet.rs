@@ -101,8 +101,14 @@ impl Packet {
             surface: SurfaceId(self.surfaces[k]),
             point: Vec3::from(self.points.map(|lanes| lanes[k])),
             distance: self.distances[k],
-            side: Side::facing(self.facing[k]),
+            side: self.side(k),
         })
+    }
+
+    /// The side that a ray meets.
+    #[inline(always)]
+    pub fn side(&self, k: usize) -> Side {
+        Side::facing(self.facing[k])
     }
 }
 

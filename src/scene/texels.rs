@@ -5,6 +5,10 @@
 //! values, one a side: value `2 * texel + side`. Mirrors have no texture map; they take one texel
 //! each, at the end, so that a fragment of any surface can be named by a texel number.
 
+mod sixteen;
+
+pub use sixteen::Places;
+
 use crate::format::bytes::{Reader, Writer};
 use crate::format::{Fault, room_for};
 use crate::ids::{Side, SurfaceId};
@@ -250,12 +254,16 @@ impl Lattice {
         let last = Vec2::new((self.width - 1) as f32, (self.height - 1) as f32);
         let p = (at - 0.5).clamp(Vec2::ZERO, last);
         let (column, row) = (p.x as u32, p.y as u32);
+        // The place is not negative: what is cut off is what rounding down takes.
+        (self.block(column, row), p - Vec2::new(column as f32, row as f32))
+    }
+
+    /// A texel by its column and row, and those to the right of it, below it, and both, as far as there are.
+    #[inline]
+    fn block(&self, column: u32, row: u32) -> [u32; 4] {
         let right = (column + 1).min(self.width - 1);
         let below = (row + 1).min(self.height - 1);
         let texel = |c: u32, r: u32| self.first + r * self.width + c;
-        let block =
-            [texel(column, row), texel(right, row), texel(column, below), texel(right, below)];
-        // The place is not negative: what is cut off is what rounding down takes.
-        (block, p - Vec2::new(column as f32, row as f32))
+        [texel(column, row), texel(right, row), texel(column, below), texel(right, below)]
     }
 }

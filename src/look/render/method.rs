@@ -1,7 +1,7 @@
 //! The two methods of section 6, ready to take pictures of an opened field.
 
 use super::raytrace::Raytrace;
-use super::{Look, Looker, Options, render, render_with};
+use super::{Look, Looker, Options, render_with};
 use crate::format::FormatError;
 use crate::look::accessor::Accessor;
 use crate::look::image::Picture;
@@ -46,7 +46,7 @@ fn tracing<'a>(field: &'a LightField, visible: &'a Visible) -> Raytrace<'a> {
     Raytrace { paths, texels: &field.texels, values: &field.total }
 }
 
-/// Takes a picture of an opened field; see [`render`].
+/// Takes a picture of an opened field; see [`super::render`].
 ///
 /// # Errors
 /// When a map of the field that the picture needs is missing or damaged.
@@ -103,9 +103,8 @@ fn taken(
     let failure = OnceLock::new();
     let picture = match method {
         Method::Trace => {
-            let trace = tracing(field, visible);
-            let radiance = |dir: Vec3, hit: &Hit| trace.radiance(dir, hit);
-            render(scene, visible, camera, options, &radiance, progress)
+            let looker = |_| -> Looker { Box::new(tracing(field, visible)) };
+            render_with(scene, visible, camera, options, &looker, progress)
         }
         Method::Field => {
             let looker = |part| -> Looker {

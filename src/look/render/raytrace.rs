@@ -2,10 +2,15 @@
 //!
 //! In: the texture maps P^T and a hit of an eye ray. Out: its radiance, over the path `E S* D`.
 
+use super::Look;
+use crate::ids::SurfaceId;
+use crate::level::level;
+use crate::look::packet::{Lanes, NONE, Packet};
 use crate::paths::Paths;
 use crate::radiance::Rgb;
-use crate::scene::texels::{self, Texels};
+use crate::scene::texels::{self, Places, Texels};
 use crate::visible::Hit;
+use fearless_simd::{Simd, dispatch, f32x16, prelude::*};
 use glam::Vec3;
 
 /// Everything that the method looks at.
@@ -27,6 +32,46 @@ impl Raytrace<'_> {
             let surface = self.paths.scene.surface(at.surface);
             texels::sample(self.texels, self.values, at.surface, surface, at.side, at.point)
         })
+    }
+}
+
+impl Look for Raytrace<'_> {
+    fn radiance(&mut self, dir: Vec3, hit: &Hit) -> Rgb {
+        Raytrace::radiance(self, dir, hit)
+    }
+
+    fn packet(&mut self, packet: &Packet, out: &mut Lanes<Rgb>) {
+        dispatch!(level(), simd => self.packet_with(simd, packet, out));
+    }
+}
+
+impl Raytrace<'_> {
+    /// Mirrors' rays part ways and go one by one.
+    #[inline(always)]
+    fn packet_with<S: Simd>(&self, simd: S, packet: &Packet, out: &mut Lanes<Rgb>) {
+        let Raytrace { paths, texels, values } = self;
+        let [x, y, z] = packet.points();
+        let points =
+            [f32x16::simd_from(simd, *x), f32x16::simd_from(simd, *y), f32x16::simd_from(simd, *z)];
+        let mut before = (NONE, None);
+        for (k, (out, surface)) in out.iter_mut().zip(packet.surfaces).enumerate() {
+            if surface == NONE {
+                *out = Rgb::BLACK;
+                continue;
+            }
+            if before.0 != surface {
+                let id = SurfaceId(surface);
+                let is_mirror = paths.scene.material_of(id).reflectance.is_mirror();
+                let on = (id, paths.scene.surface(id));
+                let places = (!is_mirror).then(|| Places::new(simd, texels, on, points));
+                before = (surface, places);
+            }
+            *out = match (&before.1, packet.hit(k)) {
+                (Some(places), _) => places.sample(texels, values, packet.side(k), k),
+                (None, Some(hit)) => Raytrace::radiance(self, packet.dir(k), &hit),
+                (None, None) => Rgb::BLACK,
+            };
+        }
     }
 }
 
