@@ -3,6 +3,7 @@
 
 use crate::bake::BakeError;
 use crate::field::FieldError;
+use crate::format::text::inert;
 use crate::format::{Fault, FormatError};
 use crate::look::image::ImageError;
 use crate::look::lightfield::LookError;
@@ -44,6 +45,23 @@ pub fn code(error: &(dyn Error + 'static)) -> u8 {
 pub fn is_broken_pipe(error: &(dyn Error + 'static)) -> bool {
     let gone = |e: &std::io::Error| e.kind() == std::io::ErrorKind::BrokenPipe;
     causes(error).any(|e| e.downcast_ref().is_some_and(gone))
+}
+
+/// The most characters of a cause.
+const LONGEST: usize = 1000;
+
+/// An error and its causes in one line, each once: many tell their cause themselves.
+pub fn said(error: &(dyn Error + 'static)) -> String {
+    causes(error).fold(String::new(), |said, cause| {
+        let cause = cause.to_string();
+        // What others say of a file may hold what is in it.
+        let cause = if said.is_empty() { cause } else { inert(&cause, LONGEST) };
+        match said.as_str() {
+            "" => cause,
+            before if before.contains(&cause) => said,
+            before => format!("{before}: {cause}"),
+        }
+    })
 }
 
 fn causes<'a>(error: &'a (dyn Error + 'static)) -> impl Iterator<Item = &'a (dyn Error + 'static)> {
@@ -142,5 +160,23 @@ fn format(e: &FormatError) -> u8 {
         fault if fault.is_unsupported() => UNSUPPORTED,
         Fault::Limit { .. } | Fault::Memory { .. } => LIMIT,
         _ => CORRUPT,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::camera::CameraError;
+
+    #[test]
+    fn a_cause_is_said_once() {
+        let bad = serde_json::from_str::<u32>("?").unwrap_err();
+        let error = CameraError::File { path: "cam.json".into(), source: Box::new(bad.into()) };
+        let line = said(&error);
+        assert!(line.starts_with("cam.json: not a camera: expected value"), "{line}");
+        assert_eq!(line.matches("expected value").count(), 1, "{line}");
+        // And one that its error does not tell is added.
+        let other = anyhow::Error::new(Usage("no such line".into())).context("line 7");
+        assert_eq!(said(other.as_ref()), "line 7: no such line");
     }
 }

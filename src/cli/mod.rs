@@ -35,7 +35,7 @@ pub fn run() -> ExitCode {
         Ok(code) => ExitCode::from(code),
         Err(error) if exit::is_broken_pipe(error.as_ref()) => ExitCode::SUCCESS,
         Err(error) => {
-            let _ = writeln!(std::io::stderr(), "vlf: {error:#}");
+            let _ = writeln!(std::io::stderr(), "vlf: {}", exit::said(error.as_ref()));
             ExitCode::from(exit::code(error.as_ref()))
         }
     }

@@ -74,7 +74,7 @@ fn main() -> ExitCode {
     match run(&Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let _ = writeln!(std::io::stderr(), "vlf-pack: {error:#}");
+            let _ = writeln!(std::io::stderr(), "vlf-pack: {}", vlf::exit::said(error.as_ref()));
             ExitCode::from(vlf::exit::code(error.as_ref()))
         }
     }

@@ -107,7 +107,7 @@ fn main() -> ExitCode {
     match view(&args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {
-            eprintln!("vlf-view: {e:#}");
+            eprintln!("vlf-view: {}", exit::said(e.as_ref()));
             let no_window = e.is::<WindowError>();
             ExitCode::from(if no_window { exit::IO } else { exit::code(e.as_ref()) })
         }
