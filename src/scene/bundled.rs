@@ -112,6 +112,6 @@ mod tests {
             Camera::open(&folder.join("camera_a.json")).unwrap();
             seen += 1;
         }
-        assert_eq!(seen, 10);
+        assert_eq!(seen, 11);
     }
 }

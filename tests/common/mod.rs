@@ -21,11 +21,12 @@ use vlf::look::render::method::{Method, take};
 use vlf::{Camera, LightField, Parameters, Scene, Specular};
 
 /// The folders under `scenes/`.
-pub const SCENES: [&str; 10] = [
+pub const SCENES: [&str; 11] = [
     "cornell",
     "cornell_mirror",
     "furnace",
     "furnace_mirror",
+    "gallery",
     "metal_sphere",
     "mirror_corridor",
     "office",
