@@ -7,6 +7,7 @@
 use crate::look::image::{Bitmap, Picture};
 use crate::radiance::Rgb;
 use rayon::prelude::*;
+use std::sync::LazyLock;
 
 /// Exposed luminance that the darker surfaces of a picture should have on the average.
 const MIDDLE: f64 = 0.26;
@@ -100,11 +101,48 @@ fn reinhard(exposed: Rgb) -> Rgb {
 
 /// The sRGB transfer curve (IEC 61966-2-1), to the nearest of 256 steps.
 pub fn encode(linear: Rgb) -> [u8; 3] {
+    let Steps { next, of_bin } = &*STEPS;
     linear.0.map(|x| {
         let x = x.clamp(0.0, 1.0);
-        let s = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
-        (s * 255.0 + 0.5) as u8
+        let step = of_bin[((x * BINS as f32) as usize).min(BINS - 1)];
+        step + u8::from(x >= next[usize::from(step)])
     })
+}
+
+/// The curve's steps by their bounds, which are looked up in less time than the power takes.
+struct Steps {
+    /// The least number of the step after each; none is as large as the last one's.
+    next: [f32; 256],
+    /// The step of the least number of each of [`BINS`] parts of [0, 1].
+    of_bin: [u8; BINS],
+}
+
+/// So many that none has more than one bound in it: where the curve is steepest, there are 0.8 steps a bin.
+const BINS: usize = 4096;
+
+static STEPS: LazyLock<Steps> = LazyLock::new(|| {
+    // Bits of numbers that are not negative rise with them.
+    let above = |step: u8| {
+        let (mut below, mut above) = (0, 1.0f32.to_bits());
+        while above - below > 1 {
+            let middle = below + (above - below) / 2;
+            match encoded(f32::from_bits(middle)) < step {
+                true => below = middle,
+                false => above = middle,
+            }
+        }
+        f32::from_bits(above)
+    };
+    Steps {
+        next: std::array::from_fn(|step| if step == 255 { 2.0 } else { above(step as u8 + 1) }),
+        of_bin: std::array::from_fn(|bin| encoded(bin as f32 / BINS as f32)),
+    }
+});
+
+/// The curve itself, of a number in [0, 1].
+fn encoded(x: f32) -> u8 {
+    let s = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+    (s * 255.0 + 0.5) as u8
 }
 
 #[cfg(test)]
@@ -121,6 +159,19 @@ mod tests {
         assert_eq!(encode(Rgb([0.0, 1.0, 0.5])), [0, 255, 188]);
         assert_eq!(encode(Rgb([0.18, 2.0, -1.0])), [118, 255, 0]);
         assert_eq!(encode(Rgb::splat(0.002)), [7; 3]);
+    }
+
+    #[test]
+    fn steps_are_the_curves() {
+        for step in 1..=255u8 {
+            let least = STEPS.next[usize::from(step) - 1];
+            assert!(encoded(least) == step && encoded(least.next_down()) == step - 1, "{step}");
+        }
+        for k in 0..=100_000 {
+            let x = k as f32 / 100_000.0;
+            assert_eq!(encode(Rgb::splat(x)), [encoded(x); 3], "{x}");
+        }
+        assert_eq!(encode(Rgb([f32::NAN, f32::INFINITY, f32::NEG_INFINITY])), [0, 255, 0]);
     }
 
     #[test]

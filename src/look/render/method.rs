@@ -73,8 +73,11 @@ pub fn take_tolerant(
     how: (Method, Options),
     progress: &(dyn Fn(f32) + Sync),
 ) -> (Picture, Vec<usize>) {
-    let (mut picture, _) = taken(field, visible, camera, how, progress);
+    let (mut picture, failure) = taken(field, visible, camera, how, progress);
     let mut missing = Vec::new();
+    if failure.is_none() {
+        return (picture, missing);
+    }
     for (at, pixel) in picture.pixels.iter_mut().enumerate() {
         if !pixel.is_physical() {
             *pixel = Rgb::BLACK;
