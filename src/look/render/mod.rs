@@ -112,11 +112,12 @@ impl Moments {
     fn doubt(&self) -> f64 {
         let variance = (self.squares - self.sum * self.sum / self.count).max(0.0);
         let bound = (UNCERTAIN * self.sum).powi(2);
-        // Also where both are 0.
-        if variance <= DOUBT * bound {
-            return 0.0;
+        // Not where both are 0, or one is no number.
+        if variance > DOUBT * bound {
+            ((variance - DOUBT * bound) / (bound - DOUBT * bound)).min(1.0)
+        } else {
+            0.0
         }
-        ((variance - DOUBT * bound) / (bound - DOUBT * bound)).min(1.0)
     }
 }
 
