@@ -185,8 +185,9 @@ fn field_raw_pack_and_compressed_pack_give_the_same_pictures() {
     }
 }
 
-/// Rays of a packet are looked up together; each finds to the last bit what it finds alone, whatever the
-/// processor's instructions, on walls, in mirrors and on what is thinner than a cell.
+/// Rays of a packet are looked up together; each finds to the last bit what it finds alone, on walls, in mirrors
+/// and on what is thinner than a cell. That it is the same with all of the processor's instructions, tests/dispatch
+/// shows.
 #[test]
 fn a_packet_shows_what_its_rays_show_one_by_one() {
     for (name, least) in [("cornell_mirror", 0.9), ("office", 0.9), ("torture", 0.5)] {

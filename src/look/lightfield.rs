@@ -292,7 +292,8 @@ impl LightField {
         })
     }
 
-    /// The same with other room for decoded maps, in bytes; what threads look at comes on top.
+    /// The same with other room for decoded maps, in bytes; what threads look at, and what is remembered of
+    /// parts of pictures, comes on top.
     pub fn with_memory(self, bytes: u64) -> LightField {
         LightField { maps: Maps::new(bytes), ..self }
     }
@@ -316,7 +317,8 @@ impl LightField {
         self.accessor_for(0)
     }
 
-    /// The same for a part of pictures: what the last one for this part has seen is remembered.
+    /// The same for a numbered part of pictures: what the last one for this part has seen is remembered, 1.7 MB
+    /// for each of up to 256 parts, which come on top of what decoded maps may take.
     pub fn accessor_for(&self, part: usize) -> Accessor<'_> {
         Accessor::new(self, part)
     }

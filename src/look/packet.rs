@@ -18,10 +18,10 @@ pub const LANES: usize = EDGE * EDGE;
 /// A number for each ray.
 pub type Lanes<T> = [T; LANES];
 
-/// Middles of the first eight pixels.
+/// Where the middles of the first eight pixels are along a row.
 const COLUMNS: [f64; 8] = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
 
-/// Middles of the first eight pixels.
+/// And down.
 const ROWS: [f64; 8] = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5];
 
 /// No surface.

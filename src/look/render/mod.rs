@@ -7,7 +7,8 @@
 use crate::look::image::Picture;
 use crate::look::packet::{EDGE, LANES, Lanes, Packet};
 use crate::radiance::Rgb;
-use crate::scene::{Scene, camera::Camera};
+use crate::scene::Scene;
+use crate::scene::camera::{Camera, View};
 use crate::visible::{Hit, Visible};
 use glam::Vec3;
 use primary::{BAND, Band, Primary};
@@ -75,7 +76,7 @@ impl Look for &Radiance<'_> {
 /// Who looks for one thread.
 pub type Looker<'a> = Box<dyn Look + 'a>;
 
-/// Parts of a picture, at least.
+/// Parts of a picture that is drawn in packets, at least; four a thread, so that none waits long for another.
 const PARTS: usize = 16;
 
 /// Pixels after which `progress` is told within a row: rows of many samples take long.
@@ -135,8 +136,8 @@ pub fn render(
     render_with(scene, visible, camera, options, &looker, progress)
 }
 
-/// The same with those who look made by `looker`, each for a part of the picture: pictures of one size have
-/// the same parts. No two look at once for one thread.
+/// The same with those who look made by `looker` for numbered parts of the picture, so that they can go on with
+/// what they saw of the same part of a picture before. Where pixels have many samples a thread's share is a part.
 pub fn render_with<'a>(
     scene: &Scene,
     visible: &Visible,
@@ -190,28 +191,12 @@ pub fn render_with<'a>(
         progress(done as f32 / height as f32);
     };
     if samples == 1 && options.projection == Projection::Perspective {
-        let primary = Primary::new(visible, &view, (camera.width, camera.height));
-        let bands = (height.div_ceil(BAND)).div_ceil(PARTS.max(4 * rayon::current_num_threads()));
-        let parts = picture.pixels.par_chunks_mut((width * BAND * bands).max(1)).enumerate();
-        parts.for_each_init(Band::default, |into, (part, out)| {
-            let (mut look, mut seen) = (looker(part), [Rgb::BLACK; LANES]);
-            for (k, out) in out.chunks_mut((width * BAND).max(1)).enumerate() {
-                primary.draw(part * bands + k, into, |[column, row], packet| {
-                    look.packet(packet, &mut seen);
-                    let rows = out[row * width..].chunks_mut(width);
-                    for (row, seen) in rows.zip(seen.chunks(EDGE)) {
-                        let here = &mut row[column..width.min(column + EDGE)];
-                        here.copy_from_slice(&seen[..here.len()]);
-                    }
-                });
-                tell(out.len() / width);
-            }
-        });
+        in_packets(visible, &view, looker, &mut picture, &tell);
         return picture;
     }
     let rows = picture.pixels.par_chunks_mut(width.max(1)).enumerate();
     rows.for_each_init(
-        || looker(0),
+        || looker(rayon::current_thread_index().unwrap_or(0)),
         |look, (y, row)| {
             for (x, out) in row.iter_mut().enumerate() {
                 *out = pixel(look, x, y);
@@ -223,6 +208,34 @@ pub fn render_with<'a>(
         },
     );
     picture
+}
+
+/// Draws the middles of all pixels in packets. `tell` is told rows that are finished.
+fn in_packets<'a>(
+    visible: &Visible,
+    view: &View,
+    looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
+    picture: &mut Picture,
+    tell: &(impl Fn(usize) + Sync),
+) {
+    let primary = Primary::new(visible, view, (picture.width, picture.height));
+    let (width, height) = (picture.width as usize, picture.height as usize);
+    let bands = height.div_ceil(BAND).div_ceil(PARTS.max(4 * rayon::current_num_threads()));
+    let parts = picture.pixels.par_chunks_mut((width * BAND * bands).max(1)).enumerate();
+    parts.for_each_init(Band::default, |into, (part, out)| {
+        let (mut look, mut seen) = (looker(part), [Rgb::BLACK; LANES]);
+        for (k, out) in out.chunks_mut((width * BAND).max(1)).enumerate() {
+            primary.draw(part * bands + k, into, |[column, row], packet| {
+                look.packet(packet, &mut seen);
+                let rows = out[row * width..].chunks_mut(width);
+                for (row, seen) in rows.zip(seen.chunks(EDGE)) {
+                    let here = &mut row[column..width.min(column + EDGE)];
+                    here.copy_from_slice(&seen[..here.len()]);
+                }
+            });
+            tell(out.len() / width);
+        }
+    });
 }
 
 /// The first `n` points of Sobol's (0, 2)-sequence, as 32-bit fractions of the unit square: every
