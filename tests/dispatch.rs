@@ -1,10 +1,11 @@
-//! A field is the same to the last bit with every level of instructions that the processor has, each forced;
-//! one that it does not have is refused.
+//! A field, and a picture of it by either method, is the same to the last bit with every level of instructions
+//! that the processor has, each forced; one that it does not have is refused.
 
 mod common;
 
 use assert_cmd::Command;
-use common::obj;
+use common::{Baked, obj, parameters, scene};
+use std::path::Path;
 use tempfile::TempDir;
 
 /// The levels, and whether this processor has them.
@@ -57,4 +58,26 @@ fn every_level_of_instructions_gives_the_same_field() {
         }
     }
     assert!(bake(Some("mmx")).unwrap_err().contains("there are portable, sse4.2, avx2, avx512"));
+}
+
+/// The bytes of a picture of a field, drawn in packets with these instructions.
+fn picture(field: &Path, method: &str, level: &str) -> Vec<u8> {
+    let out = field.with_extension("exr");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_vlf"));
+    command.env("VLF_SIMD", level).arg("render").arg(field).arg("-o").arg(&out);
+    let camera = obj("cornell_mirror").with_file_name("camera_a.json");
+    command.args(["--samples", "1", "--size", "91x67", "--method", method]);
+    command.arg("--camera").arg(camera).assert().success();
+    std::fs::read(out).unwrap()
+}
+
+#[test]
+fn every_level_of_instructions_shows_the_same_picture() {
+    let baked = Baked::new(&scene("cornell_mirror"), &parameters(129, 64, 2));
+    for method in ["field", "trace"] {
+        let portable = picture(&baked.path, method, "portable");
+        for (level, _) in levels().into_iter().filter(|(_, has)| *has) {
+            assert!(picture(&baked.path, method, level) == portable, "{method}, {level}");
+        }
+    }
 }
