@@ -178,6 +178,7 @@ fn shoot_one_direction(bencher: Bencher) {
         grids: 0..1,
         thinned: 0,
         few: None,
+        lacking: None,
         sealed: &sealed,
     };
     let mut scratch = Scratch::new(&OFFICE.texels);

@@ -748,32 +748,45 @@ types:
     doc: The state of a cycle between two commits, for the baker alone.
     doc-ref: README.md#sums
     seq:
-      - id: shot_by_diffuse
-        type: i128
-      - id: shot_by_mirrors
-        type: i128
-      - id: left
-        type: i128
-      - id: arrived
-        type: i128
-        doc: At mirrors; so are the next three.
-      - id: arrived_times_reflectance
-        type: i128
-      - id: arrived_unperturbed
-        type: i128
-      - id: arrived_as_stored
-        type: i128
-      - id: fragments
-        type: i128
-      - id: gathers
-        type: i128
-      - id: holes
-        type: i128
+      - id: whole
+        type: tally
+        doc: Of the rounds that were for all surfaces.
+      - id: partial
+        type: tally
+        doc: Of the rounds that were for some.
+      - id: num_grids
+        type: u4
+        repeat: expr
+        repeat-expr: _root.first_block.num_surfaces
+        doc: Subfields a line after which a surface had lines enough, or 0.
       - id: values
         type: value
         repeat: eos
         doc: As many as a texture map has for one half of the lines, then for the other.
     types:
+      tally:
+        seq:
+          - id: shot_by_diffuse
+            type: i128
+          - id: shot_by_mirrors
+            type: i128
+          - id: left
+            type: i128
+          - id: arrived
+            type: i128
+            doc: At mirrors; so are the next three.
+          - id: arrived_times_reflectance
+            type: i128
+          - id: arrived_unperturbed
+            type: i128
+          - id: arrived_as_stored
+            type: i128
+          - id: fragments
+            type: i128
+          - id: gathers
+            type: i128
+          - id: holes
+            type: i128
       i128:
         seq:
           - id: low

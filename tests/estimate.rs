@@ -4,6 +4,7 @@ mod common;
 
 use common::{Baked, camera, parameters, picture, scene};
 use std::process::Command;
+use vlf::format::manifest::CycleLedger;
 use vlf::look::compare::compare;
 use vlf::{Method, Parameters, Picture};
 
@@ -36,6 +37,32 @@ fn the_estimate_falls_with_lines_and_is_right_within_a_factor_of_two() {
         assert!(error.worst.is_sorted_by(|a, b| a.part >= b.part));
         before = error.relmse;
     }
+}
+
+/// What a bake that aims at an error spends, beside one that spends as many lines on every surface.
+#[test]
+fn lines_are_spent_where_they_are_lacking() {
+    let bake = |resolution, perturbations, target_error| {
+        let fine = Parameters { texel_cells: 0.5, filter: 1, ..parameters(513, resolution, 4) };
+        Baked::new(&scene("cornell"), &Parameters { perturbations, target_error, ..fine })
+    };
+    let truth = view(&bake(96, vec![96, 16, 8], 0.0));
+    let aimed = bake(48, vec![64, 16], 1e-3);
+    let grids = aimed.manifest().grids;
+    let (aimed, evenly) = (&aimed, &bake(48, grids.clone(), 0.0));
+    let fragments = |baked: &Baked| baked.manifest().statistics.fragments as f64;
+    let spent = fragments(aimed) / fragments(evenly);
+    assert!(spent < 0.95, "{grids:?}: {spent} of all lines");
+    let ledger = aimed.manifest().ledger;
+    let closes = |l: &CycleLedger| {
+        l.residual().abs() < 1e-9 && l.sampling.abs() < 0.01 * l.emitted.max(l.carried_in)
+    };
+    assert!(ledger.iter().all(closes), "{ledger:?}");
+    let wrong = |baked: &Baked| compare(&view(baked), &truth).unwrap().relmse;
+    let (own, least) = (wrong(aimed), wrong(evenly));
+    assert!(own < 1.5 * least, "{own} with {spent} of the lines, {least} with all of them");
+    let stated = aimed.manifest().error.relmse;
+    assert!((0.5..2.0).contains(&(stated / own)), "states {stated}, has {own}");
 }
 
 #[test]

@@ -10,10 +10,12 @@ mod rounds;
 
 mod sums;
 
+pub mod supplied;
+
 use super::ahead::{Wanted, ahead};
-use super::estimate::{Errors, Totals, by_surface};
+use super::estimate::{Errors, Totals, by_surface, estimate};
 use super::layers::Outlines;
-use super::ledger::{Tally, Units, account, received, texture_power};
+use super::ledger::{Tally, Units, account, channels, received, texture_power};
 use super::memory::Need;
 use super::profile::{Profile, Stage};
 use super::reach::{self, SWEEPS, Sealed};
@@ -39,6 +41,7 @@ use crate::visible::Visible;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
+use supplied::Supplied;
 
 /// A bake under way.
 pub struct Bake<'a> {
@@ -61,6 +64,10 @@ pub struct Bake<'a> {
     spare: Spare,
     /// What paths through mirrors meet, where any are followed.
     visible: Option<Visible>,
+    /// Surfaces that have lines enough in the cycle under way.
+    supplied: Supplied,
+    /// The part of all texels that are not theirs.
+    lacking: f64,
     /// PSFs that this run has rasterised in the steps that it has ended, or what takes as long.
     work: f64,
     /// Directions of the step under way that an earlier run did.
@@ -126,6 +133,8 @@ impl<'a> Bake<'a> {
             counted: Instant::now(),
             sealed: Sealed::default(),
             spare: Spare::default(),
+            supplied: Supplied::default(),
+            lacking: 1.0,
             work: 0.0,
             done_before: 0,
             profile: Profile::default(),
@@ -233,7 +242,7 @@ impl<'a> Bake<'a> {
             .map(|_| Mutex::new(Scratch::new(self.texels)))
             .collect();
         if self.field.manifest().has_sums {
-            tally = self.read_sums(&mut lock(&workers[0]).sums)?;
+            (tally, self.supplied) = self.read_sums(&mut lock(&workers[0]).sums)?;
         }
         self.field.manifest_mut().grids.resize(cycle as usize + 1, 0);
         let stores_mirrors = self.shared().stores_mirrors();
@@ -248,6 +257,8 @@ impl<'a> Bake<'a> {
         let lamps = senders.as_ref().and_then(|senders| self.only(senders));
         self.begin_step();
         while !self.is_over(&workers[0], senders.is_some())? {
+            let lacking = self.supplied.lacking();
+            self.lacking = self.supplied.lacking_part(self.texels);
             let shared = self.shared();
             let what = Cycle {
                 number: cycle,
@@ -259,6 +270,7 @@ impl<'a> Bake<'a> {
                 few: senders
                     .as_deref()
                     .map(|senders| Few { senders, paths: self.paths_in(lamps.as_ref()) }),
+                lacking: lacking.as_deref(),
                 sealed: &self.sealed,
             };
             let wanted =
@@ -272,7 +284,9 @@ impl<'a> Bake<'a> {
                 };
                 Ok(made.map(maps).unwrap_or_default())
             })?;
-            gather_sums(&workers, &mut tally);
+            let partial = lacking.is_some();
+            gather_sums(&workers, if partial { &mut self.supplied.partial } else { &mut tally });
+            self.supplied.restore(self.texels, &mut lock(&workers[0]).sums);
             workers.iter().for_each(|worker| self.profile.add(&lock(worker).watch.take()));
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));
             self.count_pages(pages.as_ref());
@@ -294,6 +308,7 @@ impl<'a> Bake<'a> {
         sums.iter_mut().for_each(|half| half.truncate(2 * self.texels.len()));
         let began = Instant::now();
         self.end_cycle(cycle, &mut sums, &tally, senders.is_some())?;
+        (self.supplied, self.lacking) = (Supplied::default(), 1.0);
         self.profile.spend(Stage::Textures, began.elapsed().as_secs_f64());
         Ok(Walk::Done)
     }
@@ -425,7 +440,10 @@ impl<'a> Bake<'a> {
             perturbations: grids,
             relays: !self.parameters.stores_mirrors(),
         };
-        let brought = self.brought([half, sums], grids, few_send);
+        let raw = light(sums);
+        let [half, sums] = self.levelled([half, sums], grids, few_send);
+        let tally = &self.supplied.tally(tally, grids, (raw, light(&sums)));
+        let brought = self.brought([&half, &sums], grids, few_send);
         let is_odd = |v: &Rgb| !v.is_physical();
         if let Some(at) = brought.next.iter().position(is_odd) {
             let surface = self.texels.surface_of[at / 2];
@@ -435,7 +453,7 @@ impl<'a> Bake<'a> {
         let scale = self.scene.fit.radius.powi(2);
         let diffuse_out = scale * texture_power(&brought.next, &brought.open);
         let one_sided = self.parameters.one_sided;
-        let received = received(sums, |value| {
+        let received = received(&sums, |value| {
             let back = value % 2 == 1;
             let (texel, surface) = (value / 2, SurfaceId(self.texels.surface_of[value / 2]));
             let first = self.texels.lattices[surface.index()].first as usize;
@@ -453,7 +471,7 @@ impl<'a> Bake<'a> {
         }
 
         let (total, half) = self.totals_with(&brought)?;
-        let error = self.error(&brought.open, &total, &half);
+        let error = estimate(&self.errors_of(&brought.open, &total, &half));
         self.field.write_textures(cycle + 1, &total, &brought.next, &half)?;
         self.count_seconds();
         let manifest = self.field.manifest_mut();
@@ -575,6 +593,11 @@ fn emitted_power(scene: &Scene, scale: f64) -> (f64, f64) {
 
 fn lock<T>(worker: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     worker.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// All light of some sums.
+fn light(sums: &[Fixed]) -> i128 {
+    sums.iter().map(|sum| i128::from(channels(sum))).sum()
 }
 
 /// Adds some sums to others, `times` over.

@@ -33,6 +33,10 @@ const EPSILON: f64 = 0.01;
 /// What part of the error aimed at the noise may have at least.
 const LEAST: f64 = 0.25;
 
+/// Texels whose noise is told well by what the halves of their lines say. A surface of fewer is taken to be
+/// in part as noisy as the scene is.
+const TELLING: f64 = 64.0;
+
 /// The half of all lines that a PSF belongs to, 0 or 1, from the [`Directions::colour`] of its line:
 /// lines that are neighbours in their lattice, and PSFs of a line that follow each other, are in
 /// different ones.
@@ -52,12 +56,34 @@ pub fn grids_of_half(directions: &Directions, thinned: u32, grids: u32) -> f64 {
     own as f64 / all as f64
 }
 
-/// Whether a cycle (from 0) has lines enough for pictures of relMSE `target`. Lines do not help what the
-/// texels' size spoils; so their noise may take what that leaves of the target, and a quarter of it in
-/// any case. The first cycle may take half of this, the second half of the rest, and so on.
-pub fn is_enough(error: &ErrorEstimate, target: f64, cycle: u32) -> bool {
-    let granted = (target - (error.relmse - error.noise)).max(LEAST * target);
-    error.noise <= granted * (1.0 - 0.5f64.powi(cycle as i32 + 1))
+/// The noise that pictures of relMSE `target` may have after a cycle (from 0). Lines do not help what the
+/// texels' size spoils, `washed_out`; so noise may take what that leaves of the target, and a quarter of it
+/// in any case. The first cycle may take half of this, the second half of the rest, and so on.
+fn granted(washed_out: f64, target: f64, cycle: u32) -> f64 {
+    (target - washed_out).max(LEAST * target) * (1.0 - 0.5f64.powi(cycle as i32 + 1))
+}
+
+/// The surfaces that lack lines for pictures of relMSE `target` after some of a cycle's (from 0); none when
+/// all together have enough.
+///
+/// Lines cost alike wherever they end, and noise falls as their number to the power of -3/2. So the same
+/// error of all together takes the fewest when, at the end, the noise of each surface is in proportion to
+/// its lines: calm surfaces end sooner and with less noise than the others.
+pub fn lacking(surfaces: &[Errors], target: f64, cycle: u32) -> Vec<SurfaceId> {
+    let sum = |of: fn(&Errors) -> f64| surfaces.iter().map(of).sum::<f64>();
+    let area = sum(|s| s.area);
+    let (noise, washed_out) = (sum(|s| s.noise) / area, sum(|s| s.washed_out) / area);
+    let granted = granted(washed_out, target, cycle);
+    if area <= 0.0 || noise <= granted {
+        return Vec::new();
+    }
+    // What part of all lines those so far are, from what they are to bring about yet.
+    let so_far = (granted / noise).powf(2.0 / 3.0);
+    let lacks = |s: &&Errors| {
+        let told = f64::from(s.texels) / TELLING;
+        (told * s.noise / s.area + noise) / (told + 1.0) > granted * so_far
+    };
+    surfaces.iter().filter(lacks).map(|s| s.surface).collect()
 }
 
 /// Total texture maps, two values a texel, W sr^-1 m^-2.
@@ -74,6 +100,8 @@ pub struct Totals<'a> {
 pub struct Errors {
     /// Which.
     pub surface: SurfaceId,
+    /// Texels of all sides.
+    pub texels: u32,
     /// Area of all sides.
     pub area: f64,
     /// Area times relative squared error that comes from the number of lines.
@@ -82,10 +110,8 @@ pub struct Errors {
     pub washed_out: f64,
 }
 
-/// The error of texture maps, weighted by `areas`, one for each value. Sides without any light count
-/// for nothing: as a rule, nobody sees them.
-pub fn estimate(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -> ErrorEstimate {
-    let surfaces = by_surface(scene, texels, areas, maps);
+/// The error of texture maps, of all surfaces that have any light.
+pub fn estimate(surfaces: &[Errors]) -> ErrorEstimate {
     let sum = |of: fn(&Errors) -> f64| surfaces.iter().map(of).sum::<f64>();
     let (area, noise) = (sum(|s| s.area), sum(|s| s.noise));
     let error = noise + sum(|s| s.washed_out);
@@ -103,7 +129,8 @@ pub fn estimate(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -> 
     ErrorEstimate { relmse: error / area, noise: noise / area, worst }
 }
 
-/// The same, surface by surface; none where nothing is lit.
+/// The error of texture maps, surface by surface, weighted by `areas`, one for each value. Sides without any
+/// light count for nothing: as a rule, nobody sees them.
 pub fn by_surface(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -> Vec<Errors> {
     let sides = || {
         let diffuse = |id: &SurfaceId| !scene.material_of(*id).reflectance.is_mirror();
@@ -124,12 +151,13 @@ pub fn by_surface(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -
     let mut surfaces: Vec<Errors> = Vec::new();
     for (surface, sheet) in sides() {
         let [area, noise, washed_out] = sheet.errors(areas, maps, epsilon);
+        let texels = sheet.values().count() as u32;
         match surfaces.last_mut().filter(|s| s.surface == surface) {
             Some(s) => {
-                (s.area, s.noise) = (s.area + area, s.noise + noise);
-                s.washed_out += washed_out;
+                (s.texels, s.area) = (s.texels + texels, s.area + area);
+                (s.noise, s.washed_out) = (s.noise + noise, s.washed_out + washed_out);
             }
-            None => surfaces.push(Errors { surface, area, noise, washed_out }),
+            None => surfaces.push(Errors { surface, texels, area, noise, washed_out }),
         }
     }
     surfaces
@@ -225,7 +253,8 @@ mod tests {
             maps[1][value] = Rgb::splat(light + apart(column, row));
         }
         let areas = vec![1.0; 2 * texels.len()];
-        estimate(&scene, &texels, &areas, Totals { all: &maps[0], half: &maps[1] })
+        let totals = Totals { all: &maps[0], half: &maps[1] };
+        estimate(&by_surface(&scene, &texels, &areas, totals))
     }
 
     #[test]
@@ -265,14 +294,36 @@ mod tests {
     }
 
     #[test]
-    fn lines_are_enough_when_noise_is_small_beside_the_target_or_what_they_cannot_help() {
-        let of = |noise, washed_out| ErrorEstimate {
-            relmse: noise + washed_out,
-            noise,
-            worst: Vec::new(),
+    fn noise_may_be_what_it_leaves_small_beside_the_target() {
+        assert_eq!(
+            [granted(0.0, 1.0, 0), granted(0.0, 1.0, 1)],
+            [0.5, 0.75],
+            "later cycles may add"
+        );
+        assert_eq!(
+            [granted(0.5, 1.0, 0), granted(0.9, 1.0, 0), granted(5.0, 1.0, 0)],
+            [0.25, 0.125, 0.125]
+        );
+    }
+
+    #[test]
+    fn surfaces_lack_lines_by_themselves_until_all_together_have_enough() {
+        let surface = |id, noise| {
+            let surface = SurfaceId(id);
+            Errors { surface, texels: 10_000, area: 2.0, noise: 2.0 * noise, washed_out: 0.0 }
         };
-        assert!(is_enough(&of(0.49, 0.0), 1.0, 0) && !is_enough(&of(0.51, 0.0), 1.0, 0));
-        assert!(is_enough(&of(0.7, 0.0), 1.0, 1), "later cycles may add to it");
-        assert!(!is_enough(&of(0.3, 0.5), 1.0, 0) && is_enough(&of(0.12, 5.0), 1.0, 0));
+        let ids = |surfaces: &[Errors]| lacking(surfaces, 1.0, 0);
+        let [calm, noisy] = [surface(3, 0.1), surface(5, 2.0)];
+        assert_eq!(ids(&[calm, noisy]), [SurfaceId(5)]);
+        assert_eq!(ids(&[calm, surface(5, 0.8)]), [], "0.45 on the average");
+        assert_eq!(
+            ids(&[surface(3, 0.3), noisy]).len(),
+            2,
+            "some noise is spared for the noisier one"
+        );
+        // The halves of a few texels may agree by chance.
+        let small = Errors { texels: 4, ..calm };
+        assert_eq!(ids(&[small, noisy]), [SurfaceId(3), SurfaceId(5)]);
+        assert_eq!(ids(&[]), []);
     }
 }

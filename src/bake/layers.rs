@@ -16,6 +16,7 @@ use crate::scene::texels::Texels;
 use crate::scene::{Polygon, Scene, Surface};
 use glam::Vec3;
 use std::collections::HashSet;
+use std::mem::take;
 
 /// Surfaces whose normal is closer to perpendicular to the direction than this are edge-on.
 const EDGE_ON: f32 = 1e-5;
@@ -327,7 +328,28 @@ pub struct Layers {
     spans: Vec<Span>,
     crossings: Vec<f32>,
     window: Window,
+    /// Cells of surfaces that receive, while a window is found.
+    receiving: Window,
     split: Window,
+}
+
+/// The lines of a PSF that are wanted: those that meet surfaces of which one sends, and others receive.
+pub struct Through<'a, S> {
+    /// By surface, whether it may send; `None`: any does.
+    pub senders: Option<&'a [bool]>,
+    /// Whether one of these sends from a point.
+    pub sends: S,
+    /// By surface, whether it is to receive; `None`: any is.
+    pub receivers: Option<&'a [bool]>,
+}
+
+/// The surfaces that a list names.
+fn chosen<'a>(
+    outlines: &'a Outlines,
+    which: &'a [bool],
+) -> impl Iterator<Item = (SurfaceId, &'a Plane)> {
+    let all = outlines.surfaces.iter().zip(which).enumerate();
+    all.filter(|(_, (_, chosen))| **chosen).map(|(id, (plane, _))| (SurfaceId(id as u32), plane))
 }
 
 impl Layers {
@@ -336,54 +358,104 @@ impl Layers {
         let n = psf.resolution;
         self.begin(outlines, psf);
         for plane in &outlines.surfaces {
-            let Some(gradients) = Gradients::new(plane, psf) else { continue };
-            self.gradients.push(gradients);
-            for polygon in outlines.of(plane) {
-                self.span_polygon(polygon, n, (0, n));
-            }
+            self.span_surface(outlines, psf, plane);
         }
         self.fill(n);
         self.sort();
     }
 
-    /// Rasterises all surfaces, but only the cells in which some of them send: those that `through`
-    /// names, by surface, where `sends` says so of the place in the surface and the point there. The
+    /// Rasterises all surfaces, but only the cells on whose lines some send, or receive, or both. The
     /// cells are [`Layers::window`]; the fragments of the k-th are [`Layers::slot`] k.
-    pub fn rasterise_through(
+    pub fn rasterise_through<S: Fn(SurfaceId, Vec3) -> bool>(
         &mut self,
         outlines: &Outlines,
         psf: &Psf,
-        through: &[bool],
-        sends: impl Fn(SurfaceId, Vec3) -> bool,
+        through: &Through<S>,
     ) {
         let n = psf.resolution;
         self.begin(outlines, psf);
-        self.window.clear(n);
-        let planes = || outlines.surfaces.iter().zip(through);
-        for (surface, (plane, _)) in planes().enumerate().filter(|(_, (_, through))| **through) {
-            let Some(gradients) = Gradients::new(plane, psf) else { continue };
-            let (depth, surface) = (gradients.depth, SurfaceId(surface as u32));
-            self.gradients.push(gradients);
-            let first = self.spans.len();
-            for polygon in outlines.of(plane) {
-                self.span_polygon(polygon, n, (0, n));
+        let (mut window, mut receiving) = (take(&mut self.window), take(&mut self.receiving));
+        window.clear(n);
+        receiving.clear(n);
+        match through.receivers {
+            Some(receivers) => self.open_surfaces(outlines, psf, receivers, &mut receiving),
+            None => (0..n).for_each(|row| receiving.open(row, (0, n))),
+        }
+        match through.senders {
+            Some(senders) => {
+                // Spans of senders are found again, where these meet the window.
+                let (spans, gradients) = (self.spans.len(), self.gradients.len());
+                let senders = (senders, through);
+                self.open_senders(outlines, psf, senders, (&receiving, &mut window));
+                self.spans.truncate(spans);
+                self.gradients.truncate(gradients);
             }
+            None => std::mem::swap(&mut window, &mut receiving),
+        }
+        window.close();
+        (self.window, self.receiving) = (window, receiving);
+        let is_spanned = |surface: usize| through.receivers.is_some_and(|r| r[surface]);
+        let planes = outlines.surfaces.iter().enumerate();
+        self.span_in_window(outlines, psf, planes.map(|(s, plane)| (plane, is_spanned(s))));
+        self.fill_window();
+        self.sort();
+    }
+
+    /// Opens those cells of others of which a surface sends along their lines.
+    fn open_senders<S: Fn(SurfaceId, Vec3) -> bool>(
+        &mut self,
+        outlines: &Outlines,
+        psf: &Psf,
+        (senders, through): (&[bool], &Through<S>),
+        (among, window): (&Window, &mut Window),
+    ) {
+        for (surface, plane) in chosen(outlines, senders) {
+            let first = self.spans.len();
+            let Some(depth) = self.span_surface(outlines, psf, plane) else { continue };
             for span in &self.spans[first..] {
                 let y = span.row as f32 + 0.5;
                 let sends = |column: &u32| {
+                    if !among.has(Cell { i: *column, j: span.row }) {
+                        return false;
+                    }
                     let x = *column as f32 + 0.5;
                     let z = depth.in_row(y) + x * depth.per_column;
-                    sends(surface, psf.unproject(x, y, z.clamp(span.depths.0, span.depths.1)))
+                    let z = z.clamp(span.depths.0, span.depths.1);
+                    (through.sends)(surface, psf.unproject(x, y, z))
                 };
                 for column in (span.from..span.to).filter(sends) {
-                    self.window.open(span.row, (column, column + 1));
+                    window.open(span.row, (column, column + 1));
                 }
             }
         }
-        self.window.close();
-        self.span_in_window(outlines, psf, planes().map(|(plane, through)| (plane, *through)));
-        self.fill_window();
-        self.sort();
+    }
+
+    /// Finds the spans of some surfaces, and opens their cells.
+    fn open_surfaces(
+        &mut self,
+        outlines: &Outlines,
+        psf: &Psf,
+        which: &[bool],
+        window: &mut Window,
+    ) {
+        for (_, plane) in chosen(outlines, which) {
+            let first = self.spans.len();
+            self.span_surface(outlines, psf, plane);
+            for span in &self.spans[first..] {
+                window.open(span.row, (span.from, span.to));
+            }
+        }
+    }
+
+    /// Finds the spans of a surface; returns how its depth varies, `None` if it is edge-on.
+    fn span_surface(&mut self, outlines: &Outlines, psf: &Psf, plane: &Plane) -> Option<Affine> {
+        let gradients = Gradients::new(plane, psf)?;
+        let depth = gradients.depth;
+        self.gradients.push(gradients);
+        for polygon in outlines.of(plane) {
+            self.span_polygon(polygon, psf.resolution, (0, psf.resolution));
+        }
+        Some(depth)
     }
 
     /// Finds the spans of the planes that are not done yet, as far as they may meet the window.
@@ -656,6 +728,51 @@ mod tests {
         let extent = surface.extent.as_dvec2();
         let inside = u.min(extent.x - u).min(v).min(extent.y - v);
         depth.is_finite().then(|| (depth, Vec2::new(u as f32, v as f32), inside))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        /// Of all cells those come that hold a sender, a receiver, or both, as is asked, as they are among all.
+        #[test]
+        fn lines_through_senders_and_receivers_are_those_of_the_whole_that_meet_them(
+            rectangles in prop::collection::vec(
+                (prop::array::uniform3(-0.4f32..0.4), prop::array::uniform3(-0.5f32..0.5)), 1..8),
+            sends in prop::array::uniform8(any::<bool>()),
+            receives in prop::array::uniform8(any::<bool>()),
+            asked in 1..4u8,
+            direction in prop::array::uniform3(-1.0f32..1.0),
+        ) {
+            let direction = Vec3::from(direction);
+            prop_assume!(direction.length() > 0.1);
+            let placed = rectangles.into_iter().map(|(corner, a)| (Vec3::from(corner), Vec3::from(a)));
+            let wide = |(corner, a): (Vec3, Vec3)| rectangle(corner, a, a.any_orthonormal_vector() * 0.3);
+            let scene = scene(placed.filter(|(_, a)| a.length() > 0.02).map(wide).collect());
+            let psf = Psf::new(direction.normalize(), 16);
+            let texels = Texels::new(&scene, psf.cell_edge());
+            let outlines = Outlines::new(&scene, &texels);
+            let all_may: [&[bool]; 2] = [&sends, &receives];
+            let named = |k: usize| (asked >> k & 1 == 1).then(|| &all_may[k][..scene.surfaces.len()]);
+            let through =
+                Through { senders: named(0), sends: |_, _| true, receivers: named(1) };
+            let (mut all, mut some) = (Layers::default(), Layers::default());
+            all.rasterise(&outlines, &psf);
+            some.rasterise_through(&outlines, &psf, &through);
+            let mut expected = Vec::new();
+            for cell in (0..16).flat_map(|j| (0..16).map(move |i| Cell { i, j })) {
+                let fragments = all.cell(cell.i, cell.j).to_vec();
+                let meets = |which: &[bool]| {
+                    let of = |f: &Fragment| which[texels.surface_of[f.texel() as usize] as usize];
+                    fragments.iter().any(of)
+                };
+                if [0, 1].into_iter().all(|k| named(k).is_none_or(meets)) {
+                    expected.push((cell, fragments));
+                }
+            }
+            let cells = some.window().to_vec();
+            let found: Vec<_> =
+                cells.into_iter().enumerate().map(|(k, cell)| (cell, some.slot(k).to_vec())).collect();
+            prop_assert_eq!(found, expected);
+        }
     }
 
     proptest! {

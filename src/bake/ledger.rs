@@ -41,6 +41,9 @@ pub struct Tally {
 impl Tally {
     const NUMBERS: usize = 10;
 
+    /// Bytes in a checkpoint.
+    pub const BYTES: u64 = 16 * Tally::NUMBERS as u64;
+
     fn numbers(&self) -> [i128; Tally::NUMBERS] {
         [
             self.shot_diffuse,

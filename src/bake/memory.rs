@@ -162,11 +162,12 @@ fn corners(scene: &Scene) -> u64 {
 
 /// Bytes of all texture values while light is propagated: what is shot, every worker's sums of both halves,
 /// and when a cycle or a round of it ends the total and next maps of all lines and of half of them, and two
-/// areas. A cycle that has ended holds the sums of one worker and nothing that is shot.
+/// areas; with rounds, the sums of surfaces that have lines enough, and both halves' taken to as many. A cycle that has ended holds the sums of one worker and nothing that is shot.
 pub fn texture_bytes(values: u64, threads: u64, parameters: &Parameters) -> u64 {
     let (shot, sums, maps) = (32, 2 * 32, 4 * 12 + 2 * 8);
-    let rounds = if parameters.target_error > 0.0 { maps } else { 0 };
-    let each = (shot + sums * threads + rounds).max(sums + maps);
+    let rounds = if parameters.target_error > 0.0 { 2 * sums } else { 0 };
+    let while_shot = if rounds > 0 { rounds + maps } else { 0 };
+    let each = (shot + sums * threads + while_shot).max(sums + rounds + maps);
     values * each + (KEPT * values).min(MOST_KEPT)
 }
 

@@ -166,7 +166,7 @@ mod tests {
         let errors = (0..2).map(|k: usize| {
             let area = f64::from(scene.surfaces[k].area());
             let surface = SurfaceId(k as u32);
-            Errors { surface, area, noise: 0.1, washed_out: washed_out[k] }
+            Errors { surface, texels: 1, area, noise: 0.1, washed_out: washed_out[k] }
         });
         let errors = errors.collect();
         (scene, errors)

@@ -6,7 +6,7 @@
 
 use super::estimate::half_of;
 use super::exchange;
-use super::layers::{Fragment, Layers, Outlines, SPLIT, projections};
+use super::layers::{Fragment, Layers, Outlines, SPLIT, Through, projections};
 use super::ledger::{Tally, channels};
 use super::perturb;
 use super::profile::{Stage, Watch};
@@ -88,6 +88,9 @@ pub struct Cycle<'a> {
     /// The surfaces that send, when these are few: perturbed PSFs have only the lines that meet one of
     /// them, and the lines are counted in the unperturbed ones alone.
     pub few: Option<Few<'a>>,
+    /// The surfaces that lack lines, when others have enough: perturbed PSFs have only the lines that meet one
+    /// of them. `None`: all.
+    pub lacking: Option<&'a [bool]>,
     /// Texture values that no light can come to.
     pub sealed: &'a Sealed,
 }
@@ -220,26 +223,33 @@ pub fn shoot(
         }
         let double = shared.directions.shares(id) == 2;
         let few = cycle.few.filter(|_| number > 0);
+        let lacking = cycle.lacking.filter(|_| number > 0);
         let stores = number == 0 && shared.stores_mirrors();
-        let splits = shared.parameters.supersample && few.is_none() && !stores;
-        if let Some(few) = few {
+        let is_whole = few.is_none() && lacking.is_none();
+        let splits = shared.parameters.supersample && is_whole && !stores;
+        if is_whole {
+            scratch.layers.rasterise(shared.outlines, &psf);
+        } else {
             let is_mirror = |s: SurfaceId| shared.scene.material_of(s).reflectance.is_mirror();
-            let sends = |surface, point| {
-                let sends = |sense| line.may_send(&few, (surface, point, FAR), sense);
+            let sends = |few: &Few, surface, point| {
+                let sends = |sense| line.may_send(few, (surface, point, FAR), sense);
                 !is_mirror(surface) || [Sense::Along, Sense::Against].into_iter().any(sends)
             };
-            scratch.layers.rasterise_through(shared.outlines, &psf, few.senders, sends);
-        } else {
-            scratch.layers.rasterise(shared.outlines, &psf);
+            let through = Through {
+                senders: few.map(|few| few.senders),
+                sends: |surface, point| few.is_none_or(|few| sends(&few, surface, point)),
+                receivers: lacking,
+            };
+            scratch.layers.rasterise_through(shared.outlines, &psf, &through);
         }
         if splits {
             scratch.layers.find_split(shared.outlines);
         }
         scratch.watch.lap(Stage::Rasterise);
-        let what = match (few, stores) {
-            (Some(_), _) => Lines::Window,
-            (None, true) => Lines::Mapped(id),
-            (None, false) => Lines::Grid { splits },
+        let what = match (is_whole, stores) {
+            (false, _) => Lines::Window { counts: few.is_none() },
+            (true, true) => Lines::Mapped(id),
+            (true, false) => Lines::Grid { splits },
         };
         // A ray of a split cell stands for a part of the cell.
         made = match (double, shared.parameters.supersample) {
@@ -284,8 +294,8 @@ struct Line<'a> {
 /// Which lines of a PSF there are to pass along.
 #[derive(Clone, Copy)]
 enum Lines {
-    /// Those of the window; they count nowhere.
-    Window,
+    /// Those of the window.
+    Window { counts: bool },
     /// All, and the maps of the mirrors on them.
     Mapped(DirectionId),
     /// All, but those of split cells.
@@ -306,7 +316,8 @@ impl Line<'_> {
         scratch: &mut Scratch,
     ) -> Result<Option<Made>, FieldError> {
         match lines {
-            Lines::Window => self.through_window::<SHARES, 0>(scratch),
+            Lines::Window { counts: false } => self.through_window::<SHARES, 0>(scratch),
+            Lines::Window { counts: true } => self.through_window::<SHARES, 1>(scratch),
             Lines::Grid { splits } => self.without_maps::<SHARES, 1>(splits, scratch),
             Lines::Mapped(id) => return self.with_maps::<SHARES, 1>(id, scratch).map(Some),
         }

@@ -16,6 +16,7 @@ use crate::radiance::Rgb;
 use crate::scene::cuts::Cuts;
 use crate::scene::{Reflectance, Scene, Surface};
 use glam::{Vec2, Vec3, Vec3A};
+use std::ops::Range;
 
 /// The lattice of one surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -238,6 +239,12 @@ impl Lattice {
     #[allow(clippy::len_without_is_empty, reason = "there is always one")]
     pub fn len(&self) -> usize {
         self.width as usize * self.height as usize
+    }
+
+    /// The places of its texels' values in texture maps.
+    pub fn values(&self) -> Range<usize> {
+        let first = self.first as usize;
+        2 * first..2 * (first + self.len())
     }
 
     /// The texel that holds a place, in texels along `u` and `v`; places outside go to the nearest.

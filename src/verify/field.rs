@@ -3,6 +3,7 @@
 use super::{
     BLOCK, Checked, Finding, Place, Report, SumsBlocks, TextureBlocks, agrees, check_length, hex,
 };
+use crate::bake::cycle::supplied::Supplied;
 use crate::field::files::{self, Opened};
 use crate::field::storage::Storage;
 use crate::field::{FieldError, hash, read_manifest};
@@ -18,9 +19,6 @@ use rayon::prelude::*;
 
 /// How often a field is looked at again that a bake has moved on meanwhile.
 const TRIES: u32 = 5;
-
-/// Bytes of the sums before the texels' own: ten numbers of 16.
-const SUMS_HEAD: u64 = 160;
 
 /// Checks all that the newest sound commit of a field names, on all threads of the rayon pool it is
 /// called in. `progress` is told the finished part in [0, 1]. When something is wrong and the field has
@@ -249,8 +247,10 @@ impl<'a> Commit<'a> {
                 opened.blocks(entry, |block| blocks.take(block))
             }
             ChunkKind::Sums => {
-                check_length(entry, texels.map(|t| SUMS_HEAD + 128 * t)).map_err(at_its_place)?;
-                let mut blocks = SumsBlocks::default();
+                let surfaces = self.header.surfaces;
+                let length = texels.map(|t| Supplied::head(surfaces) + 128 * t);
+                check_length(entry, length).map_err(at_its_place)?;
+                let mut blocks = SumsBlocks::of(surfaces);
                 opened.blocks(entry, |block| blocks.take(block))
             }
             ChunkKind::Record => {

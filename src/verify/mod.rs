@@ -14,6 +14,7 @@ mod pack;
 pub use field::field;
 pub use pack::pack;
 
+use crate::bake::cycle::supplied::Supplied;
 use crate::bake::ledger::Tally;
 use crate::bake::transfer::Fixed;
 use crate::directions::Directions;
@@ -309,19 +310,28 @@ impl TextureBlocks {
 }
 
 /// Checks the values of sums that come in blocks: that they could have been summed over lines.
-#[derive(Default)]
 struct SumsBlocks {
     rest: Vec<u8>,
-    tallied: bool,
+    surfaces: u32,
+    headed: bool,
 }
 
 impl SumsBlocks {
+    /// Of a scene of so many surfaces.
+    fn of(surfaces: u32) -> SumsBlocks {
+        SumsBlocks { rest: Vec::new(), surfaces, headed: false }
+    }
+
     fn take(&mut self, block: &[u8]) -> Result<(), Fault> {
         self.rest.extend_from_slice(block);
         let mut r = Reader::new(&self.rest);
-        if !self.tallied {
+        if !self.headed {
+            if (self.rest.len() as u64) < Supplied::head(self.surfaces) {
+                return Ok(());
+            }
             Tally::read(&mut r)?;
-            self.tallied = true;
+            Supplied::read(&mut r, self.surfaces)?;
+            self.headed = true;
         }
         while r.left() >= size_of::<Fixed>() {
             let [red, green, blue, lines] = [r.i64()?, r.i64()?, r.i64()?, r.i64()?];

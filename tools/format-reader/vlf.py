@@ -1043,16 +1043,12 @@ class Vlf(KaitaiStruct):
             self._read()
 
         def _read(self):
-            self.shot_by_diffuse = Vlf.Sums.I128(self._io, self, self._root)
-            self.shot_by_mirrors = Vlf.Sums.I128(self._io, self, self._root)
-            self.left = Vlf.Sums.I128(self._io, self, self._root)
-            self.arrived = Vlf.Sums.I128(self._io, self, self._root)
-            self.arrived_times_reflectance = Vlf.Sums.I128(self._io, self, self._root)
-            self.arrived_unperturbed = Vlf.Sums.I128(self._io, self, self._root)
-            self.arrived_as_stored = Vlf.Sums.I128(self._io, self, self._root)
-            self.fragments = Vlf.Sums.I128(self._io, self, self._root)
-            self.gathers = Vlf.Sums.I128(self._io, self, self._root)
-            self.holes = Vlf.Sums.I128(self._io, self, self._root)
+            self.whole = Vlf.Sums.Tally(self._io, self, self._root)
+            self.partial = Vlf.Sums.Tally(self._io, self, self._root)
+            self.num_grids = []
+            for i in range(self._root.first_block.num_surfaces):
+                self.num_grids.append(self._io.read_u4le())
+
             self.values = []
             i = 0
             while not self._io.is_eof():
@@ -1063,16 +1059,11 @@ class Vlf(KaitaiStruct):
 
         def _fetch_instances(self):
             pass
-            self.shot_by_diffuse._fetch_instances()
-            self.shot_by_mirrors._fetch_instances()
-            self.left._fetch_instances()
-            self.arrived._fetch_instances()
-            self.arrived_times_reflectance._fetch_instances()
-            self.arrived_unperturbed._fetch_instances()
-            self.arrived_as_stored._fetch_instances()
-            self.fragments._fetch_instances()
-            self.gathers._fetch_instances()
-            self.holes._fetch_instances()
+            self.whole._fetch_instances()
+            self.partial._fetch_instances()
+            for i in range(len(self.num_grids)):
+                pass
+
             for i in range(len(self.values)):
                 pass
                 self.values[i]._fetch_instances()
@@ -1092,6 +1083,40 @@ class Vlf(KaitaiStruct):
 
             def _fetch_instances(self):
                 pass
+
+
+        class Tally(KaitaiStruct):
+            def __init__(self, _io, _parent=None, _root=None):
+                super(Vlf.Sums.Tally, self).__init__(_io)
+                self._parent = _parent
+                self._root = _root
+                self._read()
+
+            def _read(self):
+                self.shot_by_diffuse = Vlf.Sums.I128(self._io, self, self._root)
+                self.shot_by_mirrors = Vlf.Sums.I128(self._io, self, self._root)
+                self.left = Vlf.Sums.I128(self._io, self, self._root)
+                self.arrived = Vlf.Sums.I128(self._io, self, self._root)
+                self.arrived_times_reflectance = Vlf.Sums.I128(self._io, self, self._root)
+                self.arrived_unperturbed = Vlf.Sums.I128(self._io, self, self._root)
+                self.arrived_as_stored = Vlf.Sums.I128(self._io, self, self._root)
+                self.fragments = Vlf.Sums.I128(self._io, self, self._root)
+                self.gathers = Vlf.Sums.I128(self._io, self, self._root)
+                self.holes = Vlf.Sums.I128(self._io, self, self._root)
+
+
+            def _fetch_instances(self):
+                pass
+                self.shot_by_diffuse._fetch_instances()
+                self.shot_by_mirrors._fetch_instances()
+                self.left._fetch_instances()
+                self.arrived._fetch_instances()
+                self.arrived_times_reflectance._fetch_instances()
+                self.arrived_unperturbed._fetch_instances()
+                self.arrived_as_stored._fetch_instances()
+                self.fragments._fetch_instances()
+                self.gathers._fetch_instances()
+                self.holes._fetch_instances()
 
 
         class Value(KaitaiStruct):

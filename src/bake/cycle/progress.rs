@@ -20,6 +20,9 @@ impl Bake<'_> {
         let own = f64::from(u32::from(grids.start == 0));
         let turned = grids.len() as f64 - own;
         let turned = turned * if self.few_senders(cycle).is_some() { WINDOWED } else { 1.0 };
+        // Lines of later rounds are those of surfaces that lack some.
+        let under_way = cycle == self.field.manifest().cycle && grids.start > 0;
+        let turned = turned * if under_way { self.lacking } else { 1.0 };
         let part = Grids { perturbations: 1, ..self.parameters.grids(cycle) }.per_line();
         (own + turned) * part
     }

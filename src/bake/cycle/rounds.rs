@@ -2,7 +2,7 @@
 
 use super::{Bake, Brought, add_sums, lock};
 use crate::bake::BakeError;
-use crate::bake::estimate::{Totals, estimate, grids_of_half, is_enough};
+use crate::bake::estimate::{Errors, Totals, by_surface, grids_of_half, lacking};
 use crate::bake::layers::SPLIT;
 use crate::bake::ledger::open_areas;
 use crate::bake::step::Scratch;
@@ -10,8 +10,8 @@ use crate::bake::transfer::diffuse::next_textures;
 use crate::bake::transfer::{self, Fixed};
 use crate::field::FieldError;
 use crate::format::container::ChunkKind;
-use crate::format::manifest::ErrorEstimate;
 use crate::radiance::Rgb;
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Mutex;
 
@@ -47,12 +47,20 @@ impl Bake<'_> {
         let sums = &mut lock(own).sums;
         let [half, all] = sums;
         add_sums(all, half, 1);
-        let brought = self.brought([half, all], round.end, few_send);
+        let brought = {
+            let [half, all] = self.levelled([half, all], round.end, few_send);
+            self.brought([&half, &all], round.end, few_send)
+        };
         add_sums(all, half, -1);
         let (total, half) = self.totals_with(&brought)?;
-        let error = self.error(&brought.open, &total, &half);
-        if is_enough(&error, self.parameters.target_error, cycle) {
+        let errors = self.errors_of(&brought.open, &total, &half);
+        if lacking(&errors, self.parameters.target_error, cycle).is_empty() {
             return Ok(true);
+        }
+        // Where cells are split, lines that meet some surfaces only would not be those of all.
+        if few_send || !self.parameters.supersample {
+            let aim = (self.parameters.target_error, cycle, round.end);
+            self.supplied.add((&errors, self.texels), aim, sums);
         }
         self.end_step(self.work_of(cycle, round.clone()));
         let manifest = self.field.manifest_mut();
@@ -112,8 +120,30 @@ impl Bake<'_> {
         self.directions.share() * 4f64.powi(thinned as i32)
     }
 
-    pub(super) fn error(&self, open: &[f64], all: &[Rgb], half: &[Rgb]) -> ErrorEstimate {
-        estimate(self.scene, self.texels, open, Totals { all, half })
+    pub(super) fn errors_of(&self, open: &[f64], all: &[Rgb], half: &[Rgb]) -> Vec<Errors> {
+        by_surface(self.scene, self.texels, open, Totals { all, half })
+    }
+
+    /// The sums of half of the lines of a cycle and of all, every surface's of as many grids.
+    pub(super) fn levelled<'b>(
+        &self,
+        sums: [&'b [Fixed]; 2],
+        grids: u32,
+        few_send: bool,
+    ) -> [Cow<'b, [Fixed]>; 2] {
+        if !self.supplied.any() {
+            return sums.map(Cow::Borrowed);
+        }
+        let thinned = self.parameters.grids(self.field.manifest().cycle).thinned;
+        // Of few senders, only the lines of the unperturbed PSFs are counted.
+        let level = |sums: &[Fixed], of: &dyn Fn(u32) -> f64| {
+            let mut levelled = sums.to_vec();
+            self.supplied.level(self.texels, &mut levelled, (grids, !few_send), of);
+            Cow::Owned(levelled)
+        };
+        let [half, all] = sums;
+        let halved = |grids| grids_of_half(self.directions, thinned, grids);
+        [level(half, &halved), level(all, &f64::from)]
     }
 
     /// The total texture maps, of all lines and of half of them, with what a cycle has brought.

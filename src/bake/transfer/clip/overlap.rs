@@ -152,10 +152,11 @@ impl<const LANES: usize> Windows<LANES> {
             whole[k] = ax * by - ay * bx;
             let mut local = [0.0; 2];
             for (axis, reach) in [(0, short * rx), (1, short * ry)] {
-                // Rounding must not put the middle outside.
+                // Rounding must not put the middle outside, here or below.
                 let (at, size) = (cells.middle[axis][k], cells.size[axis][k]);
+                let most = size - 2.0 * f32::EPSILON * (size + 2.0 * REACH);
                 let at = if at < 0.0 { 0.0 } else { at };
-                let at = if at > size - 1e-3 { size - 1e-3 } else { at };
+                let at = if at > most { most } else { at };
                 // The offset makes it positive; truncation is then the floor.
                 let first = (at - reach + 2.0 * REACH) as i32 - 2 * REACH as i32;
                 self.first[axis][k] = first;
