@@ -33,6 +33,10 @@ const EPSILON: f64 = 0.01;
 /// What part of the error aimed at the noise may have at least.
 const LEAST: f64 = 0.25;
 
+/// What is left of an error when more of the filter is worth it. It blurs a little more than second differences
+/// tell, since radiance between texels is blurred by itself.
+const WORTH: f64 = 0.7;
+
 /// Texels whose noise is told well by what the halves of their lines say. A surface of fewer is taken to be
 /// in part as noisy as the scene is.
 const TELLING: f64 = 64.0;
@@ -163,6 +167,69 @@ pub fn by_surface(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -
     surfaces
 }
 
+/// How often each side of a surface is filtered (section 5): each pass takes noise away, the less the more lines
+/// there are, and blurs edges of light.
+pub struct Choice {
+    /// For each side, two a surface, if there is light on it.
+    sides: Vec<Option<Side>>,
+}
+
+/// A side of a surface before more of the filter.
+struct Side {
+    /// The error of the maps chosen so far, by noise and by more of the filter than the least.
+    error: f64,
+    /// Squared second differences of light, without those of noise.
+    bent: f64,
+    /// What keeps relative errors finite.
+    epsilon: f64,
+}
+
+impl Choice {
+    /// From a cycle's maps that are filtered least.
+    pub fn new(texels: &Texels, areas: &[f64], maps: Totals) -> Choice {
+        let side = |sheet: Sheet| {
+            let lit = |v: &usize| areas[*v] > 0.0;
+            let area: f64 = sheet.values().filter(lit).map(|v| areas[v]).sum();
+            let light = |v: usize| areas[v] * f64::from(maps.all[v].mean());
+            let light: f64 = sheet.values().filter(lit).map(light).sum();
+            (light > 0.0).then(|| {
+                let epsilon = EPSILON * (light / area).powi(2);
+                let (noise, bent) = sheet.filtered(areas, maps, epsilon);
+                Side { error: noise, bent, epsilon }
+            })
+        };
+        let sides = texels.lattices.iter();
+        let sides = sides.flat_map(|lattice| [0, 1].map(|side| Sheet { texels, lattice, side }));
+        Choice { sides: sides.map(side).collect() }
+    }
+
+    /// Takes from maps of `passes` of the filter, where the first had `least`, the sides that are less wrong in
+    /// them, into those chosen so far.
+    pub fn take(
+        &mut self,
+        texels: &Texels,
+        (areas, maps): (&[f64], Totals),
+        [least, passes]: [u32; 2],
+        [all, half]: [&mut [Rgb]; 2],
+    ) {
+        // Each pass is off by a quarter of the second differences, all of them the same way.
+        let off = |passes| (0.25 * f64::from(passes)).powi(2);
+        let bends = off(passes) - off(least);
+        for (index, side) in self.sides.iter_mut().enumerate() {
+            let Some(known) = side else { continue };
+            let sheet = Sheet { texels, lattice: &texels.lattices[index / 2], side: index % 2 };
+            let (noise, _) = sheet.filtered(areas, maps, known.epsilon);
+            let error = noise + bends * known.bent;
+            if error < WORTH * known.error {
+                known.error = error;
+                for value in sheet.values() {
+                    (all[value], half[value]) = (maps.all[value], maps.half[value]);
+                }
+            }
+        }
+    }
+}
+
 /// One side of a lattice.
 #[derive(Clone, Copy)]
 struct Sheet<'a> {
@@ -196,6 +263,23 @@ impl Sheet<'_> {
             }
         }
         [area, noise.max(0.0), washed_out.max(0.0)]
+    }
+
+    /// Sums over its texels of relative squared errors by noise, and of squared second differences of light.
+    fn filtered(self, areas: &[f64], maps: Totals, epsilon: f64) -> (f64, f64) {
+        let (mut noise, mut bent) = (0.0, 0.0);
+        for value in self.values().filter(|v| areas[*v] > 0.0) {
+            let around = self.around(value);
+            for channel in 0..3 {
+                let light = |v: usize| f64::from(maps.all[v].0[channel]);
+                let differs = |v: usize| f64::from(maps.half[v].0[channel]) - light(v);
+                let weight = areas[value] / (light(value).powi(2) + epsilon);
+                let rough = second_difference(&around, differs).powi(2);
+                noise += weight * LATTICE * differs(value) * smoothed(&around, differs);
+                bent += weight * (second_difference(&around, light).powi(2) - rough);
+            }
+        }
+        (noise.max(0.0), bent.max(0.0))
     }
 
     /// The 3 x 3 values around one, row by row. Beyond borders and cuts stands the one itself, as if
@@ -281,6 +365,52 @@ mod tests {
     fn edges_of_light_are_washed_out() {
         let edge = floor(|column, _| if column < 9 { 1.0 } else { 2.0 }, |_, _| 0.0);
         assert!(edge.noise == 0.0 && edge.relmse > 0.0, "{edge:?}");
+    }
+
+    /// Whether a floor is taken as more of the filter leaves it: light by column, and how far the halves are apart,
+    /// in turn up and down, before and after.
+    fn takes_more(light: [fn(u32) -> f32; 2], apart: [f32; 2]) -> bool {
+        let (scene, _) = Scene::bundled("cornell").unwrap();
+        let texels = Texels::new(&scene, 0.05);
+        let Lattice { first, width, height, .. } = texels.lattices[0];
+        let map = |light: fn(u32) -> f32, apart: f32| {
+            let mut map = vec![Rgb::BLACK; 2 * texels.len()];
+            for texel in 0..width * height {
+                let (column, row) = (texel % width, texel / width);
+                // Patches of 2 x 2, which are larger than what lookups smooth.
+                let sign = if (column / 2 + row / 2) % 2 == 0 { apart } else { -apart };
+                map[2 * (first + texel) as usize] = Rgb::splat(light(column) + sign);
+            }
+            map
+        };
+        let areas = vec![1.0; 2 * texels.len()];
+        let maps = |k: usize| [map(light[k], 0.0), map(light[k], apart[k])];
+        let ([mut all, mut half], [more, more_half]) = (maps(0), maps(1));
+        let mut choice = Choice::new(&texels, &areas, Totals { all: &all, half: &half });
+        let candidate = (areas.as_slice(), Totals { all: &more, half: &more_half });
+        choice.take(&texels, candidate, [1, 2], [&mut all, &mut half]);
+        let taken = (all == more, half == more_half);
+        assert!(taken.0 == taken.1 || light[0](3) == light[1](3), "one map without the other");
+        taken.1
+    }
+
+    #[test]
+    fn noise_is_filtered_away_and_edges_that_lines_resolve_are_not() {
+        let even = |_| 1.0;
+        let edge = |column| if column < 9 { 1.0 } else { 2.0 };
+        let blurred = |column| match column {
+            0..8 => 1.0,
+            8 => 1.25,
+            9 => 1.75,
+            _ => 2.0,
+        };
+        assert!(takes_more([even, even], [0.1, 0.05]));
+        assert!(
+            !takes_more([edge, blurred], [0.01, 0.005]),
+            "the edge is sharper than noise is strong"
+        );
+        assert!(takes_more([edge, blurred], [0.4, 0.2]), "the edge is lost in noise");
+        assert!(!takes_more([even, even], [0.1, 0.11]), "nothing is won");
     }
 
     #[test]

@@ -74,7 +74,7 @@ fn pilot(
         texel_cells: parameters.texel_cells * COARSER,
         refined: 1.0,
         supersample: false,
-        filter: parameters.filter + 1,
+        filter: parameters.filter.min(1) + 1,
         target_error: 0.0,
         specular: Specular::Trace,
         resample: true,

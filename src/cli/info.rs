@@ -157,7 +157,8 @@ pub fn summary(path: &Path, limits: &Limits) -> anyhow::Result<String> {
         if p.one_sided { "one-sided" } else { "two-sided" },
         match p.filter {
             0 => String::new(),
-            passes => format!(", filter {passes}"),
+            1 => ", filtered once".to_owned(),
+            most => format!(", filtered at most {most} times"),
         }
     )?;
     writeln!(

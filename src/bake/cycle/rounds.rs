@@ -2,7 +2,7 @@
 
 use super::{Bake, Brought, add_sums, lock};
 use crate::bake::BakeError;
-use crate::bake::estimate::{Errors, Totals, by_surface, grids_of_half, lacking};
+use crate::bake::estimate::{Choice, Errors, Totals, by_surface, grids_of_half, lacking};
 use crate::bake::layers::SPLIT;
 use crate::bake::ledger::open_areas;
 use crate::bake::step::Scratch;
@@ -49,7 +49,8 @@ impl Bake<'_> {
         add_sums(all, half, 1);
         let brought = {
             let [half, all] = self.levelled([half, all], round.end, few_send);
-            self.brought([&half, &all], round.end, few_send)
+            // The least of the filter: more of it takes longer than it tells.
+            self.brought([&half, &all], round.end, few_send, self.parameters.filter.min(1))
         };
         add_sums(all, half, -1);
         let (total, half) = self.totals_with(&brought)?;
@@ -71,12 +72,14 @@ impl Bake<'_> {
     }
 
     /// What the lines of a cycle have brought: from the sums of half of them and of all, each direction
-    /// standing for so many PSFs.
+    /// standing for so many PSFs. Each side of a surface is filtered as often as its error is lowest by, up to
+    /// `filter` times.
     pub(super) fn brought(
         &self,
         [half, all]: [&[Fixed]; 2],
         grids: u32,
         few_send: bool,
+        filter: u32,
     ) -> Brought {
         let thinned = self.parameters.grids(self.field.manifest().cycle).thinned;
         // A whole texel meets lines in proportion to its projected area: pi sr in all.
@@ -87,12 +90,12 @@ impl Bake<'_> {
         let counted = lines * if few_send { 1.0 } else { repeats };
         let is_cut = |texel| self.texels.cuts.is_cut(texel);
         let open = open_areas(&self.areas, &all[..values], counted, is_cut);
-        let next = |sums: &[Fixed], repeats: f64| {
+        let next = |sums: &[Fixed], repeats: f64, passes: u32| {
             let struck = |value: usize| match few_send {
                 true => repeats * lines * open[value],
                 false => transfer::lines(&sums[value]),
             };
-            let how = (self.parameters.filter, self.parameters.one_sided);
+            let how = (passes, self.parameters.one_sided);
             let lines = (&struck as &dyn Fn(usize) -> f64, lines * repeats);
             next_textures(
                 (self.scene, &self.reflectances),
@@ -102,11 +105,21 @@ impl Bake<'_> {
                 how,
             )
         };
-        let (next, half) = self.pool.join(
-            || next(all, repeats),
-            || next(half, grids_of_half(self.directions, thinned, grids)),
-        );
-        Brought { next, half, open }
+        let halved = grids_of_half(self.directions, thinned, grids);
+        let both =
+            |passes| self.pool.join(|| next(all, repeats, passes), || next(half, halved, passes));
+        let least = filter.min(1);
+        let (mut all, mut half) = both(least);
+        let doubled = std::iter::successors(Some(2 * least), |passes| Some(2 * passes));
+        let more: Vec<u32> = doubled.take_while(|p| (1..filter).contains(p)).collect();
+        let mut choice = Choice::new(self.texels, &open, Totals { all: &all, half: &half });
+        let last = (filter > least).then_some(filter);
+        for passes in more.into_iter().chain(last) {
+            let (more, more_half) = both(passes);
+            let maps = Totals { all: &more, half: &more_half };
+            choice.take(self.texels, (&open, maps), [least, passes], [&mut all, &mut half]);
+        }
+        Brought { next: all, half, open }
     }
 
     /// Area that a ray stands for, in the fitted scene's units squared.
