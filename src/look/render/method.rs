@@ -1,6 +1,6 @@
 //! The two methods of section 6, ready to take pictures of an opened field.
 
-use super::raytrace::Raytrace;
+use super::raytrace::{Raytrace, is_even, plain_pixels};
 use super::{Look, Looker, Options, render_with};
 use crate::format::FormatError;
 use crate::look::accessor::Accessor;
@@ -111,7 +111,7 @@ fn taken(
         }
         Method::Field => {
             let looker = |part| -> Looker {
-                Box::new(ByField { accessor: field.accessor_for(part), failure: &failure })
+                Box::new(ByField { field, accessor: field.accessor_for(part), failure: &failure })
             };
             render_with(scene, visible, camera, options, &looker, progress)
         }
@@ -121,6 +121,7 @@ fn taken(
 
 /// Looks total radiance maps up.
 struct ByField<'a> {
+    field: &'a LightField,
     accessor: Accessor<'a>,
     /// The first error; what met one is not a number.
     failure: &'a OnceLock<FormatError>,
@@ -139,5 +140,21 @@ impl Look for ByField<'_> {
         for (k, out) in out.iter_mut().enumerate().filter(|(k, _)| found >> k & 1 == 0) {
             *out = packet.hit(k).map_or(Rgb::BLACK, |hit| self.radiance(packet.dir(k), &hit));
         }
+    }
+
+    /// Mirrors as well: what they show is interpolated between cells, too.
+    fn plain(&self, quarters: &[Packet; 4]) -> u32 {
+        let LightField { scene, texels, manifest, .. } = self.field;
+        let cell = 2.0 / manifest.parameters.resolution as f32;
+        let turn = quarters[0].dir(0).distance(quarters[3].dir(0));
+        plain_pixels(quarters, |hits| {
+            let is_mirror = scene.material_of(hits[0].surface).reflectance.is_mirror();
+            let has_cells = is_mirror || !self.field.diffuse_left_out;
+            match has_cells {
+                // A pixel's corners are twice as far apart as its quarters' middles.
+                true => 2.0 * turn * hits[0].distance <= cell,
+                false => is_even(scene, texels, hits),
+            }
+        })
     }
 }

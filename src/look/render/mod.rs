@@ -2,7 +2,8 @@
 //!
 //! In: the scene, its [`Visible`], a camera, and a function from a direction and a hit to radiance
 //! (section 6 of the paper has two). Out: a [`Picture`]. Each pixel is the plain mean over stratified
-//! points of its square, a box filter; more of them where they disagree. Same bits for every run and any number of threads.
+//! points of its square, a box filter; more of them where they disagree, fewer where one surface fills it and they
+//! cannot. Same bits for every run and any number of threads.
 
 use crate::look::image::Picture;
 use crate::look::packet::{EDGE, LANES, Lanes, Packet};
@@ -10,12 +11,18 @@ use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::camera::{Camera, View};
 use crate::visible::{Hit, Visible};
+use filled::filled;
 use glam::Vec3;
+use plain::{QUARTERS, around_edges};
 use primary::{BAND, Band, Primary};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub mod primary;
+
+mod filled;
+
+mod plain;
 
 pub mod raytrace;
 
@@ -28,8 +35,8 @@ pub const MOST_SAMPLES: u32 = 4096;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Samples a pixel, `1..=4096`; a number outside is taken as the nearest inside. Powers of two
-    /// are stratified best. Pixels whose samples disagree take more. One sample looks through the
-    /// pixel's middle.
+    /// are stratified best. Pixels whose samples disagree take more, and those without an edge no more than
+    /// four, as long as these agree. One sample looks through the pixel's middle.
     pub samples: u32,
     /// What of the directions around the eye the picture shows.
     pub projection: Projection,
@@ -65,6 +72,13 @@ pub trait Look {
             *out = packet.hit(k).map_or(Rgb::BLACK, |hit| self.radiance(packet.dir(k), &hit));
         }
     }
+
+    /// Of which pixels four samples tell the mean, unless they disagree, as a bit each, the first one's the lowest:
+    /// where nothing has edges but what the eye sees first, and no detail is smaller than a pixel. The packets' rays
+    /// go through the middles of the quarters of the same pixels, each of which one surface fills.
+    fn plain(&self, _quarters: &[Packet; 4]) -> u32 {
+        0
+    }
 }
 
 impl Look for &Radiance<'_> {
@@ -89,7 +103,7 @@ const REFINED: u32 = 16;
 /// A pixel's mean that may be off by more than this part of itself is uncertain.
 const UNCERTAIN: f64 = 0.05;
 
-/// Of [`UNCERTAIN`] squared, where doubt begins: between the two, more samples count in part. A picture is then a
+/// Of what is uncertain, squared, where doubt begins: between the two, more samples count in part. A picture is then a
 /// continuous function of what is looked at; a threshold would let a field's last bits decide whole samples.
 const DOUBT: f64 = 0.5;
 
@@ -109,10 +123,10 @@ impl Moments {
     }
 
     /// How much more samples are to count, from 0 where the standard error of the mean is small to 1 where it
-    /// is [`UNCERTAIN`] of the mean or more. The samples are stratified, so the true error is less.
-    fn doubt(&self) -> f64 {
+    /// is a part `uncertain` of the mean or more. The samples are stratified, so the true error is less.
+    fn doubt(&self, uncertain: f64) -> f64 {
         let variance = (self.squares - self.sum * self.sum / self.count).max(0.0);
-        let bound = (UNCERTAIN * self.sum).powi(2);
+        let bound = (uncertain * self.sum).powi(2);
         // Not where both are 0, or one is no number.
         if variance > DOUBT * bound {
             ((variance - DOUBT * bound) / (bound - DOUBT * bound)).min(1.0)
@@ -177,7 +191,7 @@ pub fn render_with<'a>(
             let before = mean;
             mean = sum.map(|s| s / taken as f64);
             (0..3).for_each(|c| value[c] += follows * (mean[c] - before[c]));
-            follows *= moments.doubt();
+            follows *= moments.doubt(UNCERTAIN);
             if samples > 1 && follows > 0.0 {
                 wanted = (2 * wanted).min(places.len());
             }
@@ -192,6 +206,12 @@ pub fn render_with<'a>(
     };
     if samples == 1 && options.projection == Projection::Perspective {
         in_packets(visible, &view, looker, &mut picture, &tell);
+        return picture;
+    }
+    if samples as usize >= QUARTERS.len() && options.projection == Projection::Perspective {
+        let filled = filled(scene, visible, &view, (camera.width, camera.height));
+        let places = (visible, &view, &filled[..]);
+        around_edges(places, looker, &mut picture, &pixel, &tell);
         return picture;
     }
     let rows = picture.pixels.par_chunks_mut(width.max(1)).enumerate();
