@@ -5,6 +5,7 @@ use crate::source::Source;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 use std::time::{Duration, Instant};
 use vlf::look::image::{Bitmap, Picture};
 use vlf::look::render::Options;
@@ -135,7 +136,17 @@ fn take(source: &Source, shot: &Shot, look: &Look, stop: &AtomicBool) -> Option<
                 resume_unwind(Box::new(Stopped));
             }
         };
-        let pictured = || take_tolerant(&source.field, &source.visible, &camera, how, &go_on);
+        // The first picture would wait for each of its maps.
+        let needs = method == method::Method::Field && source.field.is_finished();
+        let fetches = needs && !source.begun.swap(true, Ordering::Relaxed);
+        let pictured = || {
+            thread::scope(|scope| {
+                if fetches {
+                    scope.spawn(|| source.field.fetch(&source.visible, &shot.camera));
+                }
+                take_tolerant(&source.field, &source.visible, &camera, how, &go_on)
+            })
+        };
         match catch_unwind(AssertUnwindSafe(pictured)) {
             Ok(pictured) => Some(pictured),
             Err(reason) if reason.is::<Stopped>() => None,
