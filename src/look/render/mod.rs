@@ -7,6 +7,7 @@
 
 use crate::look::image::Picture;
 use crate::look::packet::{EDGE, LANES, Lanes, Packet};
+use crate::look::tone::Tone;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::camera::{Camera, View};
@@ -160,7 +161,25 @@ pub fn render_with<'a>(
     looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
     progress: &(dyn Fn(f32) + Sync),
 ) -> Picture {
-    let (width, height) = (camera.width as usize, camera.height as usize);
+    let mut picture = Picture::black(camera.width, camera.height);
+    draw(scene, visible, camera, options, looker, progress, (&mut picture, None));
+    picture
+}
+
+/// What is to be shown, and where.
+type Shown<'a> = Option<(Tone, &'a mut [[u8; 3]])>;
+
+/// Draws every pixel of a picture of the camera's size.
+fn draw<'a>(
+    scene: &Scene,
+    visible: &Visible,
+    camera: &Camera,
+    options: Options,
+    looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
+    progress: &(dyn Fn(f32) + Sync),
+    (picture, shown): (&mut Picture, Shown<'_>),
+) {
+    let height = camera.height as usize;
     let view = camera.view(&scene.fit);
     let all_around = camera.panorama(&scene.fit);
     let ray = |x: f64, y: f64| match options.projection {
@@ -198,22 +217,34 @@ pub fn render_with<'a>(
         }
         Rgb(value.map(|v| v as f32))
     };
-    let mut picture = Picture::black(camera.width, camera.height);
     let rows_done = AtomicUsize::new(0);
     let tell = |rows: usize| {
         let done = rows_done.fetch_add(rows, Ordering::Relaxed) + rows;
         progress(done as f32 / height as f32);
     };
     if samples == 1 && options.projection == Projection::Perspective {
-        in_packets(visible, &view, looker, &mut picture, &tell);
-        return picture;
+        return in_packets(visible, &view, looker, (picture, shown), &tell);
     }
     if samples as usize >= QUARTERS.len() && options.projection == Projection::Perspective {
         let filled = filled(scene, visible, &view, (camera.width, camera.height));
         let places = (visible, &view, &filled[..]);
-        around_edges(places, looker, &mut picture, &pixel, &tell);
-        return picture;
+        around_edges(places, looker, picture, &pixel, &tell);
+    } else {
+        all_alike(looker, picture, &pixel, &tell);
     }
+    if let Some((tone, shown)) = shown {
+        tone.develop(&picture.pixels, shown);
+    }
+}
+
+/// Takes all samples of all pixels. `tell` is told rows that are finished.
+fn all_alike<'a>(
+    looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
+    picture: &mut Picture,
+    pixel: &(impl Fn(&mut Looker<'a>, usize, usize) -> Rgb + Sync),
+    tell: &(impl Fn(usize) + Sync),
+) {
+    let width = picture.width as usize;
     let rows = picture.pixels.par_chunks_mut(width.max(1)).enumerate();
     rows.for_each_init(
         || looker(rayon::current_thread_index().unwrap_or(0)),
@@ -227,24 +258,30 @@ pub fn render_with<'a>(
             tell(1);
         },
     );
-    picture
 }
 
-/// Draws the middles of all pixels in packets. `tell` is told rows that are finished.
+/// Draws the middles of all pixels in packets, and what is shown of them while they are in a core's own cache. `tell` is
+/// told rows that are finished.
 fn in_packets<'a>(
     visible: &Visible,
     view: &View,
     looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
-    picture: &mut Picture,
+    (picture, shown): (&mut Picture, Shown<'_>),
     tell: &(impl Fn(usize) + Sync),
 ) {
     let primary = Primary::new(visible, view, (picture.width, picture.height));
     let (width, height) = (picture.width as usize, picture.height as usize);
     let bands = height.div_ceil(BAND).div_ceil(PARTS.max(4 * rayon::current_num_threads()));
-    let parts = picture.pixels.par_chunks_mut((width * BAND * bands).max(1)).enumerate();
-    parts.for_each_init(Band::default, |into, (part, out)| {
+    let (tone, shown) = shown.unzip();
+    let (band, part) = ((width * BAND).max(1), (width * BAND * bands).max(1));
+    let mut shown = shown.unwrap_or_default().chunks_mut(part);
+    let both = |out| (out, shown.next().unwrap_or_default());
+    let parts: Vec<_> = picture.pixels.chunks_mut(part).map(both).collect();
+    let parts = parts.into_par_iter().enumerate();
+    parts.for_each_init(Band::default, |into, (part, (out, shown))| {
         let (mut look, mut seen) = (looker(part), [Rgb::BLACK; LANES]);
-        for (k, out) in out.chunks_mut((width * BAND).max(1)).enumerate() {
+        let mut shown = shown.chunks_mut(band);
+        for (k, out) in out.chunks_mut(band).enumerate() {
             primary.draw(part * bands + k, into, |[column, row], packet| {
                 look.packet(packet, &mut seen);
                 let rows = out[row * width..].chunks_mut(width);
@@ -253,6 +290,9 @@ fn in_packets<'a>(
                     here.copy_from_slice(&seen[..here.len()]);
                 }
             });
+            if let (Some(tone), Some(shown)) = (tone, shown.next()) {
+                tone.show(out, shown);
+            }
             tell(out.len() / width);
         }
     });
