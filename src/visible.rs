@@ -267,7 +267,6 @@ impl Meeting {
     /// corners.
     #[inline(always)]
     pub fn of_eight<S: Simd>(&self, o: DVec3, d: [f64x8<S>; 3]) -> Met<S> {
-        let along = |n: DVec3, v: [f64x8<S>; 3]| v[0] * n.x + v[1] * n.y + v[2] * n.z;
         let Plane { normal, offset } = self.plane;
         let ahead = self.touching.offset - self.touching.normal.dot(o);
         let distances = ahead / along(self.touching.normal, d);
@@ -276,6 +275,12 @@ impl Meeting {
         let points = [p[0] - off * normal.x, p[1] - off * normal.y, p[2] - off * normal.z];
         Met { points, distances, facing: -along(normal, d) }
     }
+}
+
+/// How far eight vectors reach along another.
+#[inline(always)]
+fn along<S: Simd>(n: DVec3, v: [f64x8<S>; 3]) -> f64x8<S> {
+    v[0] * n.x + v[1] * n.y + v[2] * n.z
 }
 
 impl Facet {

@@ -327,3 +327,27 @@ fn a_pack_far_larger_than_memory_shows_the_same_and_keeps_to_the_memory() {
         assert!(picture(&open().with_memory(0), &walk[0], Method::Field, 1) == expected[0]);
     }
 }
+
+/// What is fetched ahead of a picture is what it needs, nearly all of it and nothing else, and no more than half of
+/// what memory may hold.
+#[test]
+fn maps_fetched_ahead_are_those_that_the_picture_needs() {
+    let baked = Baked::new(&scene("cornell_mirror"), &parameters(513, 32, 2));
+    let out = baked.path.with_extension("vlf");
+    pack(&baked.path, &out, Codec::Raw, &|_| {}).unwrap();
+    let camera = camera("cornell_mirror", 160, 120);
+    let fetched = open_unmapped(&out).unwrap();
+    let visible = Visible::new(&fetched.scene);
+    fetched.fetch(&visible, &camera);
+    let ahead = fetched.memory();
+    let looked = open_unmapped(&out).unwrap();
+    assert!(
+        picture(&fetched, &camera, Method::Field, 1) == picture(&looked, &camera, Method::Field, 1)
+    );
+    assert!(5 * ahead > 4 * looked.memory(), "{ahead} of {}", looked.memory());
+    // No map that the picture did without.
+    assert_eq!(fetched.memory(), looked.memory());
+    let small = open_unmapped(&out).unwrap().with_memory(ahead / 2);
+    small.fetch(&visible, &camera);
+    assert!((1..ahead / 2).contains(&small.memory()));
+}

@@ -54,6 +54,11 @@ impl<V: Weight> Cache<V> {
         self.state().bytes
     }
 
+    /// Bytes that may be held.
+    pub fn capacity(&self) -> u64 {
+        self.capacity
+    }
+
     /// The value of a number, made by `make` unless it is held. A value that alone is beyond the
     /// capacity is made each time.
     ///

@@ -21,7 +21,7 @@ pub const MOST_PIXELS: u64 = 1 << 26;
 const MOST_BYTES: u64 = 1 << 31;
 
 /// Linear radiance, W sr^-1 m^-2, row by row from the top left.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
     /// Pixels along a row.
     pub width: u32,
@@ -32,7 +32,7 @@ pub struct Picture {
 }
 
 /// Display values, sRGB with 8 bits a channel, row by row from the top left.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Bitmap {
     /// Pixels along a row.
     pub width: u32,
@@ -40,6 +40,27 @@ pub struct Bitmap {
     pub height: u32,
     /// `width * height` pixels.
     pub pixels: Vec<[u8; 3]>,
+}
+
+/// A picture and what a screen shows of it. Drawn into again and again it takes no new memory.
+#[derive(Debug, Default)]
+pub struct Canvas {
+    /// Radiance.
+    pub picture: Picture,
+    /// What is shown of it, of the same size.
+    pub bitmap: Bitmap,
+}
+
+impl Canvas {
+    /// Makes it as large as that; what it shows is not defined.
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let Canvas { picture, bitmap } = self;
+        (picture.width, picture.height, bitmap.width, bitmap.height) =
+            (width, height, width, height);
+        let count = width as usize * height as usize;
+        picture.pixels.resize(count, Rgb::BLACK);
+        bitmap.pixels.resize(count, [0; 3]);
+    }
 }
 
 impl Picture {

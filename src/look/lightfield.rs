@@ -312,6 +312,11 @@ impl LightField {
         self.maps.get(direction, || self.load(direction))
     }
 
+    /// Whether there is room for as many maps as are held: none that was looked at has to go for another.
+    pub(super) fn has_room(&self) -> bool {
+        self.maps.has_room()
+    }
+
     /// A thread's own way to the maps, which remembers the last ones.
     pub fn accessor(&self) -> Accessor<'_> {
         self.accessor_for(0)

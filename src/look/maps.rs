@@ -107,6 +107,11 @@ impl Maps {
         })
     }
 
+    /// Whether no more than half of the room is taken.
+    pub(super) fn has_room(&self) -> bool {
+        self.cache.bytes() <= self.cache.capacity() / 2
+    }
+
     /// Bytes of the maps that are kept.
     pub(super) fn bytes(&self) -> u64 {
         self.cache.bytes()

@@ -20,6 +20,8 @@ pub mod accessor;
 
 pub mod lightfield;
 
+mod ahead;
+
 pub mod image;
 
 pub mod tone;

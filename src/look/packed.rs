@@ -9,10 +9,9 @@ use crate::format::limits::Limits;
 use crate::format::{Fault, FormatError, room_for};
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io;
 use std::ops::Range;
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
 
 /// How a pack is looked into.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +31,7 @@ pub struct PackFile {
 
 enum Bytes {
     Mapped(Mapping),
-    Read(Mutex<File>),
+    Read(File),
 }
 
 impl PackFile {
@@ -60,7 +59,7 @@ impl PackFile {
             }
             None => {
                 let length = file.metadata()?.len();
-                PackFile { name, length, bytes: Bytes::Read(Mutex::new(file)) }
+                PackFile { name, length, bytes: Bytes::Read(file) }
             }
         })
     }
@@ -118,9 +117,7 @@ impl PackFile {
         };
         let mut piece = room_for(length, || format!("{length} bytes at {at:#x}"))?;
         piece.resize(length as usize, 0);
-        let mut file = file.lock().unwrap_or_else(PoisonError::into_inner);
-        let read = file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(&mut piece));
-        read.map_err(|e| match (e.kind(), file.metadata()) {
+        read_at(file, &mut piece, at).map_err(|e| match (e.kind(), file.metadata()) {
             (io::ErrorKind::UnexpectedEof, Ok(now)) => {
                 Fault::Truncated { expected: self.length, actual: now.len() }
             }
@@ -128,4 +125,22 @@ impl PackFile {
         })?;
         Ok(Cow::Owned(piece))
     }
+}
+
+/// Fills a piece from a place of a file, while other threads read others.
+#[cfg(unix)]
+fn read_at(file: &File, piece: &mut [u8], at: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, piece, at)
+}
+
+/// The same where a read moves the file's one position: nobody else relies on that.
+#[cfg(windows)]
+fn read_at(file: &File, mut piece: &mut [u8], mut at: u64) -> io::Result<()> {
+    while !piece.is_empty() {
+        match std::os::windows::fs::FileExt::seek_read(file, piece, at)? {
+            0 => return Err(io::ErrorKind::UnexpectedEof.into()),
+            read => (piece, at) = (&mut piece[read..], at + read as u64),
+        }
+    }
+    Ok(())
 }

@@ -51,9 +51,42 @@ pub fn develop(picture: &Picture, ev: f32) -> Bitmap {
 
 /// The same with another curve, on all threads of the rayon pool it is called in.
 pub fn develop_with(picture: &Picture, ev: f32, curve: Curve) -> Bitmap {
-    let gain = ev.exp2();
-    let pixels = picture.pixels.par_iter().map(|p| encode(curve.shown(*p * gain))).collect();
-    Bitmap { width: picture.width, height: picture.height, pixels }
+    let Picture { width, height, pixels } = picture;
+    let mut bitmap = Bitmap { width: *width, height: *height, pixels: vec![[0; 3]; pixels.len()] };
+    Tone::new(ev, curve).develop(pixels, &mut bitmap.pixels);
+    bitmap
+}
+
+/// Pixels that a thread develops at a time.
+const TOGETHER: usize = 1 << 14;
+
+/// How radiance becomes what is shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tone {
+    /// What radiance is multiplied by.
+    gain: f32,
+    curve: Curve,
+}
+
+impl Tone {
+    /// With an exposure in stops.
+    pub fn new(ev: f32, curve: Curve) -> Tone {
+        Tone { gain: ev.exp2(), curve }
+    }
+
+    /// What is shown of pixels, on all threads.
+    pub fn develop(&self, pixels: &[Rgb], shown: &mut [[u8; 3]]) {
+        let parts = pixels.par_chunks(TOGETHER).zip(shown.par_chunks_mut(TOGETHER));
+        parts.for_each(|(pixels, shown)| self.show(pixels, shown));
+    }
+
+    /// What is shown of pixels.
+    pub fn show(&self, pixels: &[Rgb], shown: &mut [[u8; 3]]) {
+        let Tone { gain, curve } = *self;
+        for (pixel, shown) in pixels.iter().zip(shown) {
+            *shown = encode(curve.shown(*pixel * gain));
+        }
+    }
 }
 
 /// The exposure, in stops, that brings the logarithmic mean of a picture's luminance to

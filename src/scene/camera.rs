@@ -203,6 +203,11 @@ impl View {
         (self.origin, direction.normalize().as_vec3())
     }
 
+    /// The same view moved by so many pixels to the right and down in its picture.
+    pub fn moved(&self, right: f64, down: f64) -> View {
+        View { corner: self.corner + self.across * right + self.down * down, ..*self }
+    }
+
     /// The directions of eight rays, each as that of [`View::ray`], before they are rounded.
     #[inline(always)]
     pub fn eight<S: Simd>(&self, simd: S, px: f64x8<S>, py: f64x8<S>) -> [f64x8<S>; 3] {

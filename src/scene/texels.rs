@@ -118,6 +118,14 @@ impl Texels {
         (0..self.len() as u32).map(|t| self.cuts.is_met(t)).collect()
     }
 
+    /// Whether a cut has a say in what [`sample`] finds between two places of a lattice, in texels along `u` and `v`.
+    pub fn is_near_cut(&self, lattice: &Lattice, low: Vec2, high: Vec2) -> bool {
+        let width = lattice.width;
+        let [from, to] = [low, high].map(|at| lattice.around(at).0[0] - lattice.first);
+        let (columns, mut rows) = (from % width..=to % width, from / width..=to / width);
+        rows.any(|row| columns.clone().any(|c| self.cuts.is_near(lattice.first + row * width + c)))
+    }
+
     /// Whether the scene has no surface at all.
     pub fn is_empty(&self) -> bool {
         self.surface_of.is_empty()

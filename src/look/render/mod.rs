@@ -2,20 +2,28 @@
 //!
 //! In: the scene, its [`Visible`], a camera, and a function from a direction and a hit to radiance
 //! (section 6 of the paper has two). Out: a [`Picture`]. Each pixel is the plain mean over stratified
-//! points of its square, a box filter; more of them where they disagree. Same bits for every run and any number of threads.
+//! points of its square, a box filter; more of them where they disagree, fewer where one surface fills it and they
+//! cannot. Same bits for every run and any number of threads.
 
 use crate::look::image::Picture;
 use crate::look::packet::{EDGE, LANES, Lanes, Packet};
+use crate::look::tone::Tone;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::camera::{Camera, View};
 use crate::visible::{Hit, Visible};
+use filled::filled;
 use glam::Vec3;
+use plain::{QUARTERS, around_edges};
 use primary::{BAND, Band, Primary};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub mod primary;
+
+mod filled;
+
+mod plain;
 
 pub mod raytrace;
 
@@ -28,8 +36,8 @@ pub const MOST_SAMPLES: u32 = 4096;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Samples a pixel, `1..=4096`; a number outside is taken as the nearest inside. Powers of two
-    /// are stratified best. Pixels whose samples disagree take more. One sample looks through the
-    /// pixel's middle.
+    /// are stratified best. Pixels whose samples disagree take more, and those without an edge no more than
+    /// four, as long as these agree. One sample looks through the pixel's middle.
     pub samples: u32,
     /// What of the directions around the eye the picture shows.
     pub projection: Projection,
@@ -65,6 +73,13 @@ pub trait Look {
             *out = packet.hit(k).map_or(Rgb::BLACK, |hit| self.radiance(packet.dir(k), &hit));
         }
     }
+
+    /// Of which pixels four samples tell the mean, unless they disagree, as a bit each, the first one's the lowest:
+    /// where nothing has edges but what the eye sees first, and no detail is smaller than a pixel. The packets' rays
+    /// go through the middles of the quarters of the same pixels, each of which one surface fills.
+    fn plain(&self, _quarters: &[Packet; 4]) -> u32 {
+        0
+    }
 }
 
 impl Look for &Radiance<'_> {
@@ -89,7 +104,7 @@ const REFINED: u32 = 16;
 /// A pixel's mean that may be off by more than this part of itself is uncertain.
 const UNCERTAIN: f64 = 0.05;
 
-/// Of [`UNCERTAIN`] squared, where doubt begins: between the two, more samples count in part. A picture is then a
+/// Of what is uncertain, squared, where doubt begins: between the two, more samples count in part. A picture is then a
 /// continuous function of what is looked at; a threshold would let a field's last bits decide whole samples.
 const DOUBT: f64 = 0.5;
 
@@ -109,10 +124,10 @@ impl Moments {
     }
 
     /// How much more samples are to count, from 0 where the standard error of the mean is small to 1 where it
-    /// is [`UNCERTAIN`] of the mean or more. The samples are stratified, so the true error is less.
-    fn doubt(&self) -> f64 {
+    /// is a part `uncertain` of the mean or more. The samples are stratified, so the true error is less.
+    fn doubt(&self, uncertain: f64) -> f64 {
         let variance = (self.squares - self.sum * self.sum / self.count).max(0.0);
-        let bound = (UNCERTAIN * self.sum).powi(2);
+        let bound = (uncertain * self.sum).powi(2);
         // Not where both are 0, or one is no number.
         if variance > DOUBT * bound {
             ((variance - DOUBT * bound) / (bound - DOUBT * bound)).min(1.0)
@@ -146,7 +161,25 @@ pub fn render_with<'a>(
     looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
     progress: &(dyn Fn(f32) + Sync),
 ) -> Picture {
-    let (width, height) = (camera.width as usize, camera.height as usize);
+    let mut picture = Picture::black(camera.width, camera.height);
+    draw(scene, visible, camera, options, looker, progress, (&mut picture, None));
+    picture
+}
+
+/// What is to be shown, and where.
+type Shown<'a> = Option<(Tone, &'a mut [[u8; 3]])>;
+
+/// Draws every pixel of a picture of the camera's size.
+fn draw<'a>(
+    scene: &Scene,
+    visible: &Visible,
+    camera: &Camera,
+    options: Options,
+    looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
+    progress: &(dyn Fn(f32) + Sync),
+    (picture, shown): (&mut Picture, Shown<'_>),
+) {
+    let height = camera.height as usize;
     let view = camera.view(&scene.fit);
     let all_around = camera.panorama(&scene.fit);
     let ray = |x: f64, y: f64| match options.projection {
@@ -177,23 +210,41 @@ pub fn render_with<'a>(
             let before = mean;
             mean = sum.map(|s| s / taken as f64);
             (0..3).for_each(|c| value[c] += follows * (mean[c] - before[c]));
-            follows *= moments.doubt();
+            follows *= moments.doubt(UNCERTAIN);
             if samples > 1 && follows > 0.0 {
                 wanted = (2 * wanted).min(places.len());
             }
         }
         Rgb(value.map(|v| v as f32))
     };
-    let mut picture = Picture::black(camera.width, camera.height);
     let rows_done = AtomicUsize::new(0);
     let tell = |rows: usize| {
         let done = rows_done.fetch_add(rows, Ordering::Relaxed) + rows;
         progress(done as f32 / height as f32);
     };
     if samples == 1 && options.projection == Projection::Perspective {
-        in_packets(visible, &view, looker, &mut picture, &tell);
-        return picture;
+        return in_packets(visible, &view, looker, (picture, shown), &tell);
     }
+    if samples as usize >= QUARTERS.len() && options.projection == Projection::Perspective {
+        let filled = filled(scene, visible, &view, (camera.width, camera.height));
+        let places = (visible, &view, &filled[..]);
+        around_edges(places, looker, picture, &pixel, &tell);
+    } else {
+        all_alike(looker, picture, &pixel, &tell);
+    }
+    if let Some((tone, shown)) = shown {
+        tone.develop(&picture.pixels, shown);
+    }
+}
+
+/// Takes all samples of all pixels. `tell` is told rows that are finished.
+fn all_alike<'a>(
+    looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
+    picture: &mut Picture,
+    pixel: &(impl Fn(&mut Looker<'a>, usize, usize) -> Rgb + Sync),
+    tell: &(impl Fn(usize) + Sync),
+) {
+    let width = picture.width as usize;
     let rows = picture.pixels.par_chunks_mut(width.max(1)).enumerate();
     rows.for_each_init(
         || looker(rayon::current_thread_index().unwrap_or(0)),
@@ -207,24 +258,30 @@ pub fn render_with<'a>(
             tell(1);
         },
     );
-    picture
 }
 
-/// Draws the middles of all pixels in packets. `tell` is told rows that are finished.
+/// Draws the middles of all pixels in packets, and what is shown of them while they are in a core's own cache. `tell` is
+/// told rows that are finished.
 fn in_packets<'a>(
     visible: &Visible,
     view: &View,
     looker: &(dyn Fn(usize) -> Looker<'a> + Sync),
-    picture: &mut Picture,
+    (picture, shown): (&mut Picture, Shown<'_>),
     tell: &(impl Fn(usize) + Sync),
 ) {
     let primary = Primary::new(visible, view, (picture.width, picture.height));
     let (width, height) = (picture.width as usize, picture.height as usize);
     let bands = height.div_ceil(BAND).div_ceil(PARTS.max(4 * rayon::current_num_threads()));
-    let parts = picture.pixels.par_chunks_mut((width * BAND * bands).max(1)).enumerate();
-    parts.for_each_init(Band::default, |into, (part, out)| {
+    let (tone, shown) = shown.unzip();
+    let (band, part) = ((width * BAND).max(1), (width * BAND * bands).max(1));
+    let mut shown = shown.unwrap_or_default().chunks_mut(part);
+    let both = |out| (out, shown.next().unwrap_or_default());
+    let parts: Vec<_> = picture.pixels.chunks_mut(part).map(both).collect();
+    let parts = parts.into_par_iter().enumerate();
+    parts.for_each_init(Band::default, |into, (part, (out, shown))| {
         let (mut look, mut seen) = (looker(part), [Rgb::BLACK; LANES]);
-        for (k, out) in out.chunks_mut((width * BAND).max(1)).enumerate() {
+        let mut shown = shown.chunks_mut(band);
+        for (k, out) in out.chunks_mut(band).enumerate() {
             primary.draw(part * bands + k, into, |[column, row], packet| {
                 look.packet(packet, &mut seen);
                 let rows = out[row * width..].chunks_mut(width);
@@ -233,6 +290,9 @@ fn in_packets<'a>(
                     here.copy_from_slice(&seen[..here.len()]);
                 }
             });
+            if let (Some(tone), Some(shown)) = (tone, shown.next()) {
+                tone.show(out, shown);
+            }
             tell(out.len() / width);
         }
     });

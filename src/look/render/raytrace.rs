@@ -5,13 +5,14 @@
 use super::Look;
 use crate::ids::SurfaceId;
 use crate::level::level;
-use crate::look::packet::{Lanes, NONE, Packet};
+use crate::look::packet::{LANES, Lanes, NONE, Packet};
 use crate::paths::Paths;
 use crate::radiance::Rgb;
+use crate::scene::Scene;
 use crate::scene::texels::{self, Places, Texels};
 use crate::visible::Hit;
 use fearless_simd::{Simd, dispatch, f32x16, prelude::*};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// Everything that the method looks at.
 #[derive(Clone, Copy)]
@@ -43,6 +44,38 @@ impl Look for Raytrace<'_> {
     fn packet(&mut self, packet: &Packet, out: &mut Lanes<Rgb>) {
         dispatch!(level(), simd => self.packet_with(simd, packet, out));
     }
+
+    /// Not mirrors, which show edges of other surfaces.
+    fn plain(&self, quarters: &[Packet; 4]) -> u32 {
+        let Raytrace { paths: Paths { scene, .. }, texels, .. } = self;
+        plain_pixels(quarters, |hits| {
+            let is_mirror = scene.material_of(hits[0].surface).reflectance.is_mirror();
+            !is_mirror && is_even(scene, texels, hits)
+        })
+    }
+}
+
+/// The pixels whose quarters meet a surface that is `plain` there, as a bit each.
+pub(super) fn plain_pixels(quarters: &[Packet; 4], plain: impl Fn([Hit; 4]) -> bool) -> u32 {
+    let hits = |k| {
+        let [a, b, c, d] = quarters;
+        Some([a.hit(k)?, b.hit(k)?, c.hit(k)?, d.hit(k)?])
+    };
+    let is_plain = |k: &usize| hits(*k).is_some_and(&plain);
+    (0..LANES).filter(is_plain).fold(0, |bits, k| bits | 1 << k)
+}
+
+/// Whether a pixel, whose quarters have met a surface, shows no more than a texel of it, and no cut.
+pub(super) fn is_even(scene: &Scene, texels: &Texels, hits: [Hit; 4]) -> bool {
+    let (id, surface) = (hits[0].surface, scene.surface(hits[0].surface));
+    let lattice = &texels.lattices[id.index()];
+    let places = hits.map(|hit| surface.coordinates(hit.point) * lattice.density);
+    let low = places.into_iter().fold(places[0], Vec2::min);
+    let high = places.into_iter().fold(places[0], Vec2::max);
+    // The pixel's corners are twice as far apart as its quarters' middles.
+    let around = 0.5 * (high - low);
+    let is_small = (4.0 * around).max_element() <= 1.0;
+    is_small && !texels.is_near_cut(lattice, low - around, high + around)
 }
 
 impl Raytrace<'_> {

@@ -1,7 +1,7 @@
 //! `--bench`: how long the frames of a written walk take. No window.
 
 use crate::pace::Pass;
-use crate::paint::{Job, Look, Method, Shot, paint};
+use crate::paint::{Job, Look, Method, Shot, Spare, paint};
 use crate::source::Source;
 use serde_json::{Value, json};
 use std::sync::atomic::AtomicBool;
@@ -34,11 +34,12 @@ pub fn run(source: &Source, path: &CameraPath, size: (u32, u32), method: Method)
     let (start, length) = (path.start(), path.end() - path.start());
     let count = (length * RATE).ceil().clamp(1.0, MOST) as usize + 1;
     let look = Look { exposure: Some(0.0), curve: Curve::Shoulder };
+    let mut spare = Spare::default();
     let times = (0..count).filter_map(|i| {
         let time = start + length * i as f64 / (count - 1) as f64;
         let pass = Pass { coarse: 1, samples: 1 };
         let job = Job::Take(Shot { camera: path.at(time, size), pass, method }, look);
-        paint(source, &job, &AtomicBool::new(false)).map(|frame| frame.time)
+        paint(source, &job, &AtomicBool::new(false), &mut spare).map(|frame| frame.time)
     });
     summary(times.collect(), size, method)
 }

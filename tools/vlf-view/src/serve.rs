@@ -5,7 +5,7 @@
 //! in the address is.
 
 use crate::http::{self, Answer, Refusal, Request, SILENCE};
-use crate::paint::{Frame, Method, paint};
+use crate::paint::{Frame, Method, Spare, paint};
 use crate::source::Feed;
 use crate::state::{Walkthrough, Wish};
 use crate::views::Views;
@@ -68,7 +68,7 @@ pub struct Server {
 struct Session {
     stop: AtomicBool,
     /// One picture at a time.
-    painting: Mutex<()>,
+    painting: Mutex<Spare>,
     walk: Mutex<Walk>,
 }
 
@@ -284,7 +284,7 @@ impl Session {
         events: Vec<Event>,
         (size, coarse): ((u32, u32), u32),
     ) -> Painted {
-        let _alone = lock(&self.painting);
+        let mut spare = lock(&self.painting);
         let mut events = Some(events);
         loop {
             let source = feed.now();
@@ -300,7 +300,7 @@ impl Session {
                 walk.idle = job.is_none();
                 job
             };
-            let frame = job.as_ref().map(|job| paint(&source, job, &self.stop));
+            let frame = job.as_ref().map(|job| paint(&source, job, &self.stop, &mut spare));
             let mut walk = lock(&self.walk);
             let frame = match (job, frame) {
                 (Some(job), Some(Some(frame))) => {

@@ -3,6 +3,7 @@
 use crate::collide::is_open;
 use glam::{DVec3, Vec3};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 use vlf::Visible;
@@ -37,6 +38,8 @@ pub struct Source {
     pub speed: f64,
     /// Bytes that decoded maps may take.
     pub memory: u64,
+    /// Whether a picture has been taken that needs maps.
+    pub begun: AtomicBool,
 }
 
 impl Opening {
@@ -50,7 +53,8 @@ impl Opening {
         let visible = Visible::new(&field.scene);
         let start = first_view(&field, &visible);
         let speed = 0.4 * field.scene.fit.radius;
-        Ok(Source { field, visible, start, speed, memory: self.memory })
+        let begun = AtomicBool::new(false);
+        Ok(Source { field, visible, start, speed, memory: self.memory, begun })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::overlay::{enlarge, write};
 use crate::pace::Pass;
-use crate::paint::{Frame, Job, Shot, paint};
+use crate::paint::{Frame, Job, Shot, Spare, paint};
 use crate::shots;
 use crate::source::Feed;
 use crate::state::{Walkthrough, Wish};
@@ -274,7 +274,11 @@ impl App {
                     .num_threads(rayon::current_num_threads().div_ceil(2))
                     .build()
                     .ok()
-                    .and_then(|own| own.install(|| paint(&source, &job, &AtomicBool::new(false)))),
+                    .and_then(|own| {
+                        own.install(|| {
+                            paint(&source, &job, &AtomicBool::new(false), &mut Spare::default())
+                        })
+                    }),
             };
             let Some(frame) = frame else {
                 _ = proxy.send_event(Told::Say("no picture: there are no threads for it".into()));

@@ -1,6 +1,6 @@
 //! The thread that takes the pictures, so that keys and mouse never wait for one.
 
-use crate::paint::{Frame, Job, paint};
+use crate::paint::{Frame, Job, Spare, paint};
 use crate::source::Source;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,8 +20,9 @@ impl Worker {
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         thread::spawn(move || {
+            let mut spare = Spare::default();
             for (source, job) in todo {
-                let frame = paint(&source, &job, &stopped);
+                let frame = paint(&source, &job, &stopped, &mut spare);
                 done(job, frame);
             }
         });

@@ -155,8 +155,9 @@ fn connections_beyond_the_bound_are_turned_away_and_broken_ones_do_no_harm() {
     thread::spawn(move || server.run());
     let ask = |bytes: &[u8]| {
         let mut stream = TcpStream::connect(address).unwrap();
-        stream.write_all(bytes).unwrap();
-        stream.shutdown(std::net::Shutdown::Write).unwrap();
+        // Whoever is turned away may find the connection closed already.
+        stream.write_all(bytes).ok();
+        stream.shutdown(std::net::Shutdown::Write).ok();
         let mut said = String::new();
         stream.read_to_string(&mut said).ok();
         said

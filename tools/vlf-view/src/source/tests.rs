@@ -1,6 +1,6 @@
 use super::*;
 use crate::pace::Pass;
-use crate::paint::{Job, Look, Method, Shot, paint};
+use crate::paint::{Job, Look, Method, Shot, Spare, paint};
 use crate::testing::{CYCLES, bake, opening, pack};
 use std::collections::BTreeSet;
 use std::fs;
@@ -14,7 +14,9 @@ fn look(source: &Source, method: Method) -> (f32, usize) {
     let camera = Camera { width: 24, height: 18, ..source.start };
     let shot = Shot { camera, pass: Pass { coarse: 1, samples: 1 }, method };
     let look = Look { exposure: Some(0.0), curve: Curve::Plain };
-    let frame = paint(source, &Job::Take(shot, look), &AtomicBool::new(false)).unwrap();
+    let frame =
+        paint(source, &Job::Take(shot, look), &AtomicBool::new(false), &mut Spare::default())
+            .unwrap();
     let pixels = &frame.taken.picture.pixels;
     (pixels.iter().map(|p| p.mean()).sum::<f32>() / pixels.len() as f32, frame.taken.damaged)
 }

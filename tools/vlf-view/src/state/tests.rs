@@ -1,5 +1,5 @@
 use super::*;
-use crate::paint::paint;
+use crate::paint::{Spare, paint};
 use crate::testing::{opening, pack};
 use std::sync::atomic::AtomicBool;
 use vlf::look::render::method;
@@ -15,7 +15,7 @@ fn begun() -> (Source, Walkthrough) {
 /// Does what there is to do, so many seconds after the last time.
 fn frame(state: &mut Walkthrough, source: &Source, seconds: f64) -> Option<Job> {
     let job = state.next(source, seconds, (32, 24))?;
-    let frame = paint(source, &job, &AtomicBool::new(false)).unwrap();
+    let frame = paint(source, &job, &AtomicBool::new(false), &mut Spare::default()).unwrap();
     state.took(&job, frame);
     Some(job)
 }
@@ -78,14 +78,14 @@ fn refinement_gives_way_to_motion_and_motion_to_nothing() {
     let moving = state.next(&source, 0.0, (32, 24)).unwrap();
     state.drag(5.0, 0.0);
     assert!(!state.is_overtaken(), "no frame would ever be shown while the mouse moves");
-    let taken = paint(&source, &moving, &AtomicBool::new(false)).unwrap();
+    let taken = paint(&source, &moving, &AtomicBool::new(false), &mut Spare::default()).unwrap();
     state.took(&moving, taken);
     frame(&mut state, &source, 0.01);
     let refining = state.next(&source, 0.01, (32, 24)).unwrap();
     assert!(!state.is_overtaken());
     state.drag(5.0, 0.0);
     assert!(state.is_overtaken());
-    assert!(paint(&source, &refining, &AtomicBool::new(true)).is_none());
+    assert!(paint(&source, &refining, &AtomicBool::new(true), &mut Spare::default()).is_none());
     let job = state.next(&source, 0.01, (32, 24)).unwrap();
     assert_eq!(shot(&job).camera.target, state.camera().target);
 }
