@@ -443,7 +443,9 @@ impl<'a> Bake<'a> {
         let raw = light(sums);
         let [half, sums] = self.levelled([half, sums], grids, few_send);
         let tally = &self.supplied.tally(tally, grids, (raw, light(&sums)));
-        let brought = self.brought([&half, &sums], grids, few_send, self.parameters.filter);
+        // Later cycles' light comes from all around: more of the filter would blur what shadows it has.
+        let most = if cycle == 0 { self.parameters.filter } else { self.least_filter() };
+        let brought = self.brought([&half, &sums], grids, few_send, most);
         let is_odd = |v: &Rgb| !v.is_physical();
         if let Some(at) = brought.next.iter().position(is_odd) {
             let surface = self.texels.surface_of[at / 2];

@@ -33,10 +33,6 @@ const EPSILON: f64 = 0.01;
 /// What part of the error aimed at the noise may have at least.
 const LEAST: f64 = 0.25;
 
-/// What is left of an error when more of the filter is worth it. It blurs a little more than second differences
-/// tell, since radiance between texels is blurred by itself.
-const WORTH: f64 = 0.7;
-
 /// Texels whose noise is told well by what the halves of their lines say. A surface of fewer is taken to be
 /// in part as noisy as the scene is.
 const TELLING: f64 = 64.0;
@@ -220,7 +216,7 @@ impl Choice {
             let sheet = Sheet { texels, lattice: &texels.lattices[index / 2], side: index % 2 };
             let (noise, _) = sheet.filtered(areas, maps, known.epsilon);
             let error = noise + bends * known.bent;
-            if error < WORTH * known.error {
+            if error < known.error {
                 known.error = error;
                 for value in sheet.values() {
                     (all[value], half[value]) = (maps.all[value], maps.half[value]);

@@ -170,9 +170,9 @@ pub struct Baking {
     /// maps` writes maps
     #[arg(long, value_enum, default_value = "off")]
     pub supersample: Switch,
-    /// The most passes of a 3 x 3 texel filter over each cycle's texture maps. Each side of a surface has as
-    /// many, from one on, as its error is least by, judged from two halves of the lines; 0: none
-    /// [default: 0 with `--quality draft`, else 4]
+    /// The most passes of a 3 x 3 texel filter over the first cycle's texture maps: each side of a surface has
+    /// as many, from one on, as its error is least by, judged from two halves of the lines; later cycles'
+    /// have one. 0: none [default: 0 with `--quality draft`, else 4]
     #[arg(long)]
     pub filter: Option<u32>,
     #[command(flatten)]

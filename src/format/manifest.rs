@@ -39,7 +39,8 @@ pub struct Parameters {
     /// Whether light along the rays of cells that a surface's border passes through is exchanged by 2 x 2
     /// rays in the place of one.
     pub supersample: bool,
-    /// The most passes of the binomial filter over each cycle's Next Texture Maps.
+    /// The most passes of the binomial filter over the first cycle's Next Texture Maps; later ones have one,
+    /// unless this is 0.
     pub filter: u32,
     /// Whether surfaces have a front only.
     pub one_sided: bool,

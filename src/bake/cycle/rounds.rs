@@ -12,6 +12,7 @@ use crate::field::FieldError;
 use crate::format::container::ChunkKind;
 use crate::radiance::Rgb;
 use std::borrow::Cow;
+use std::iter::successors;
 use std::ops::Range;
 use std::sync::Mutex;
 
@@ -50,7 +51,7 @@ impl Bake<'_> {
         let brought = {
             let [half, all] = self.levelled([half, all], round.end, few_send);
             // The least of the filter: more of it takes longer than it tells.
-            self.brought([&half, &all], round.end, few_send, self.parameters.filter.min(1))
+            self.brought([&half, &all], round.end, few_send, self.least_filter())
         };
         add_sums(all, half, -1);
         let (total, half) = self.totals_with(&brought)?;
@@ -73,13 +74,13 @@ impl Bake<'_> {
 
     /// What the lines of a cycle have brought: from the sums of half of them and of all, each direction
     /// standing for so many PSFs. Each side of a surface is filtered as often as its error is lowest by, up to
-    /// `filter` times.
+    /// `most` times.
     pub(super) fn brought(
         &self,
         [half, all]: [&[Fixed]; 2],
         grids: u32,
         few_send: bool,
-        filter: u32,
+        most: u32,
     ) -> Brought {
         let thinned = self.parameters.grids(self.field.manifest().cycle).thinned;
         // A whole texel meets lines in proportion to its projected area: pi sr in all.
@@ -108,18 +109,23 @@ impl Bake<'_> {
         let halved = grids_of_half(self.directions, thinned, grids);
         let both =
             |passes| self.pool.join(|| next(all, repeats, passes), || next(half, halved, passes));
-        let least = filter.min(1);
+        let least = self.least_filter();
         let (mut all, mut half) = both(least);
-        let doubled = std::iter::successors(Some(2 * least), |passes| Some(2 * passes));
-        let more: Vec<u32> = doubled.take_while(|p| (1..filter).contains(p)).collect();
+        let doubled = successors(Some(2 * least), |passes| Some(2 * passes));
+        let more = doubled.take_while(|passes| (1..most).contains(passes));
         let mut choice = Choice::new(self.texels, &open, Totals { all: &all, half: &half });
-        let last = (filter > least).then_some(filter);
-        for passes in more.into_iter().chain(last) {
+        let last = (most > least).then_some(most);
+        for passes in more.chain(last) {
             let (more, more_half) = both(passes);
             let maps = Totals { all: &more, half: &more_half };
             choice.take(self.texels, (&open, maps), [least, passes], [&mut all, &mut half]);
         }
         Brought { next: all, half, open }
+    }
+
+    /// Passes of the filter that every surface has in every cycle.
+    pub(super) fn least_filter(&self) -> u32 {
+        self.parameters.filter.min(1)
     }
 
     /// Area that a ray stands for, in the fitted scene's units squared.
