@@ -234,9 +234,10 @@ impl Rehearsal {
         pages: u64,
         options: &Options,
     ) -> Result<Rehearsal, BakeError> {
-        // Fewer lines are noisier: what ends a cycle's rounds must come as late with them as with all.
-        let all = f64::from(shared.parameters.directions);
-        let target_error = (shared.parameters.target_error * all / f64::from(lines)).min(1.0);
+        // Fewer lines are noisier, as their number to the power of -3/2: what ends a cycle's rounds must come as
+        // late with them as with all.
+        let fewer = f64::from(shared.parameters.directions) / f64::from(lines);
+        let target_error = (shared.parameters.target_error * fewer.powf(1.5)).min(1.0);
         let parameters = Parameters {
             directions: lines,
             thinned: 0,
