@@ -447,6 +447,13 @@ mod tests {
             2,
             "some noise is spared for the noisier one"
         );
+        let enough = |noise, washed_out, cycle| {
+            let one = Errors { washed_out: 2.0 * washed_out, ..surface(3, noise) };
+            lacking(&[one], 1.0, cycle).is_empty()
+        };
+        assert!(enough(0.49, 0.0, 0) && !enough(0.51, 0.0, 0));
+        assert!(enough(0.7, 0.0, 1), "later cycles may add to it");
+        assert!(!enough(0.3, 0.5, 0) && enough(0.12, 5.0, 0));
         // The halves of a few texels may agree by chance.
         let small = Errors { texels: 4, ..calm };
         assert_eq!(ids(&[small, noisy]), [SurfaceId(3), SurfaceId(5)]);

@@ -56,13 +56,15 @@ impl Bake<'_> {
         add_sums(all, half, -1);
         let (total, half) = self.totals_with(&brought)?;
         let errors = self.errors_of(&brought.open, &total, &half);
-        if lacking(&errors, self.parameters.target_error, cycle).is_empty() {
+        let lacking = lacking(&errors, self.parameters.target_error, cycle);
+        if lacking.is_empty() {
             return Ok(true);
         }
-        // Where cells are split, lines that meet some surfaces only would not be those of all.
-        if few_send || !self.parameters.supersample {
-            let aim = (self.parameters.target_error, cycle, round.end);
-            self.supplied.add((&errors, self.texels), aim, sums);
+        // A scene of which every lit part still lacks lines goes on as it is; and where cells are split, lines
+        // that meet some surfaces only would not be those of all.
+        let some_have = self.supplied.any() || lacking.len() < errors.len();
+        if some_have && (few_send || !self.parameters.supersample) {
+            self.supplied.add(&lacking, (self.texels, round.end), sums);
         }
         self.end_step(self.work_of(cycle, round.clone()));
         let manifest = self.field.manifest_mut();

@@ -5,11 +5,11 @@
 //! their sums stay as they are, and the lines of later rounds are only those that meet a surface that
 //! still *lacks* lines. At the end all sums are taken to as many grids.
 
-use crate::bake::estimate::{self, Errors};
 use crate::bake::ledger::{Tally, channels};
 use crate::bake::transfer::Fixed;
 use crate::format::Fault;
 use crate::format::bytes::{Reader, Writer};
+use crate::ids::SurfaceId;
 use crate::scene::texels::Texels;
 
 /// Which surfaces have lines enough, and what lines brought since the first had.
@@ -39,22 +39,17 @@ impl Supplied {
         self.any().then(|| self.grids.iter().map(|g| *g == 0).collect())
     }
 
-    /// Takes the surfaces that have lines enough after so many grids of a cycle, and their sums.
+    /// Takes the surfaces that have lines enough after so many grids of a cycle, all but those that are
+    /// `lacking`, and the sums of half of the lines each.
     pub fn add(
         &mut self,
-        (errors, texels): (&[Errors], &Texels),
-        (target, cycle, grids): (f64, u32, u32),
+        lacking: &[SurfaceId],
+        (texels, grids): (&Texels, u32),
         sums: &[Vec<Fixed>; 2],
     ) {
         let mut lacks = vec![false; texels.lattices.len()];
-        for surface in estimate::lacking(errors, target, cycle) {
-            lacks[surface.index()] = true;
-        }
-        // A scene of which every part still lacks lines goes on as it is.
+        lacking.iter().for_each(|surface| lacks[surface.index()] = true);
         if !self.any() {
-            if errors.iter().all(|e| lacks[e.surface.index()]) {
-                return;
-            }
             self.grids = vec![0; lacks.len()];
             self.sums = sums.clone();
         }
