@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 use tempfile::TempDir;
 use vlf::bake::layers::{Layers, Outlines};
-use vlf::bake::reach::Sealed;
+use vlf::bake::marks::Marks;
 use vlf::bake::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
 use vlf::bake::totals::{self, Mirrors};
 use vlf::bake::transfer::clip::{Clip, Ground, Projection};
@@ -21,7 +21,6 @@ use vlf::format::container::{self, ChunkKind, FileKind, encode, unencoded};
 use vlf::format::limits::Limits;
 use vlf::format::tiles::{Layout, TileMap, exponent_for, half_to_f32, to_planes};
 use vlf::pack::{PackReport, pack_from};
-use vlf::scene::cuts::Cuts;
 use vlf::scene::texels::Texels;
 use vlf::{
     Camera, Cell, Codec, DirectionId, Directions, LightField, Parameters, Psf, Rgb, Scene,
@@ -169,7 +168,7 @@ fn shoot_one_direction(bencher: Bencher) {
     let shot = emission(&OFFICE.scene, &OFFICE.texels);
     let fixed = shot.iter().map(|v| OFFICE.quantum.fixed(*v));
     let current: Vec<Fixed> = fixed.chain([FROM_OUTSIDE]).collect();
-    let sealed = Sealed::none(current.len());
+    let marks = Marks::new(&OFFICE.texels);
     let cycle = Cycle {
         number: 0,
         current: &current,
@@ -179,7 +178,7 @@ fn shoot_one_direction(bencher: Bencher) {
         thinned: 0,
         few: None,
         lacking: None,
-        sealed: &sealed,
+        marks: &marks,
     };
     let mut scratch = Scratch::new(&OFFICE.texels);
     bencher.bench_local(|| shoot(&shared, &cycle, black_box(LINE), &mut scratch));
@@ -239,10 +238,9 @@ impl Facing {
 #[divan::bench(args = [0.5, 1.0, 2.0])]
 fn transfer_clipped(bencher: Bencher, texel: f32) {
     let facing = Facing::new(texel);
-    let sealed = Sealed::none(facing.current.len());
+    let marks = Marks::none(facing.surface_of.len());
     let Facing { projections, surface_of, current, cells, pairs } = &facing;
-    let cuts = Cuts::none(surface_of.len());
-    let ground = Ground { projections, surface_of, sealed: &sealed, cuts: &cuts };
+    let ground = Ground { projections, surface_of, marks: &marks };
     let mut clip = Clip::default();
     let mut sums = vec![[0; 4]; current.len()];
     let ends = cells.iter().zip(pairs).flat_map(|(cell, ends)| ends.map(|value| (*cell, value)));
@@ -271,14 +269,14 @@ fn total_map(bencher: Bencher) {
     let shared = OFFICE.shared();
     let total = emission(&OFFICE.scene, &OFFICE.texels);
     let lit = totals::lit_sides(&OFFICE.texels, &total);
-    let sealed = Sealed::none(2 * OFFICE.texels.len());
+    let marks = Marks::new(&OFFICE.texels);
     let mut scratch = totals::Scratch::default();
     bencher.bench_local(|| {
         totals::total_map(
             &shared,
             black_box(LINE),
             (&total, &lit),
-            (Mirrors::None, &sealed),
+            (Mirrors::None, &marks),
             &mut scratch,
         )
     });
@@ -302,10 +300,10 @@ fn check_a_tile_map(bencher: Bencher) {
     let shared = OFFICE.shared();
     let total = emission(&OFFICE.scene, &OFFICE.texels);
     let lit = totals::lit_sides(&OFFICE.texels, &total);
-    let sealed = Sealed::none(2 * OFFICE.texels.len());
+    let marks = Marks::new(&OFFICE.texels);
     let mut scratch = totals::Scratch::default();
     let map =
-        totals::total_map(&shared, LINE, (&total, &lit), (Mirrors::None, &sealed), &mut scratch);
+        totals::total_map(&shared, LINE, (&total, &lit), (Mirrors::None, &marks), &mut scratch);
     let surfaces = OFFICE.scene.surfaces.len() as u32;
     bencher
         .counter(divan::counter::BytesCount::new(map.len()))

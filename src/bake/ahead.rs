@@ -1,7 +1,7 @@
 //! Reading ahead: which unshot maps a step will gather from, and a queue that brings them in before
 //! the step begins.
 
-use super::reach::Sealed;
+use super::marks::Marks;
 use super::step::Shared;
 use crate::field::FieldError;
 use crate::field::pages::Pages;
@@ -20,7 +20,7 @@ const READERS: usize = 2;
 const AHEAD: usize = 2;
 
 /// Directions whose unshot maps the mirrors gather from when light is shot along `id`.
-pub fn gathered_from(shared: &Shared, sealed: &Sealed, id: DirectionId) -> Vec<u32> {
+pub fn gathered_from(shared: &Shared, marks: &Marks, id: DirectionId) -> Vec<u32> {
     let texels = shared.texels;
     let mut wanted = Vec::new();
     let along = shared.directions.vector(id);
@@ -29,7 +29,7 @@ pub fn gathered_from(shared: &Shared, sealed: &Sealed, id: DirectionId) -> Vec<u
         for sense in [Sense::Along, Sense::Against] {
             let outgoing = along * sense.sign();
             let side = Side::facing(normal.dot(outgoing));
-            if sealed.has(2 * texel + side.index()) {
+            if marks.is_sealed(2 * texel + side.index()) {
                 continue;
             }
             let facing = normal * side.sign();
@@ -53,7 +53,7 @@ pub struct Wanted<'a> {
     /// The bake.
     pub shared: &'a Shared<'a>,
     /// Texture values that no light can come to.
-    pub sealed: &'a Sealed,
+    pub marks: &'a Marks,
 }
 
 impl Wanted<'_> {
@@ -61,7 +61,7 @@ impl Wanted<'_> {
         let Some(pages) = self.pages else { return Ok(()) };
         pages.read_ahead(direction, ChunkKind::Arrived)?;
         if self.gathers {
-            for near in gathered_from(self.shared, self.sealed, DirectionId(direction)) {
+            for near in gathered_from(self.shared, self.marks, DirectionId(direction)) {
                 pages.read_ahead(near, ChunkKind::Unshot)?;
             }
         }
@@ -167,8 +167,8 @@ mod tests {
             quantum: Quantum::new(1.0),
             exponent: 0,
         };
-        let sealed = Sealed::none(2 * texels.len());
-        let wanted = Wanted { pages: None, gathers: false, shared: &shared, sealed: &sealed };
+        let marks = Marks::new(&texels);
+        let wanted = Wanted { pages: None, gathers: false, shared: &shared, marks: &marks };
         let todo: Vec<u32> = (0..200).rev().collect();
         let all = |queue: &Queue| Ok(queue.into_iter().collect::<Vec<_>>());
         for _ in 0..50 {
@@ -209,14 +209,14 @@ mod tests {
             quantum: Quantum::new(1.0),
             exponent: 0,
         };
-        let sealed = Sealed::none(2 * texels.len());
+        let marks = Marks::new(&texels);
         let by_id: Vec<DirectionId> = directions.ids().collect();
         // With room for a tenth or more, rows of the lattice would do as well: 4700 reads against 5400
         // at 256. Little room is what the order is for. Each map is wanted by some directions only, so
         // the reads themselves are bounded too: either could be had at the other's cost.
         for (room, most) in [(32, 8000), (64, 7000), (128, 6000)] {
             let reads = |order: &[DirectionId]| {
-                reads(order, room, |id| gathered_from(&shared, &sealed, id))
+                reads(order, room, |id| gathered_from(&shared, &marks, id))
             };
             let (curve, rows) = (reads(&directions.curve()), reads(&by_id));
             assert!(

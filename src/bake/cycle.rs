@@ -18,7 +18,8 @@ use super::layers::Outlines;
 use super::ledger::{Tally, Units, account, channels, received, texture_power};
 use super::memory::Need;
 use super::profile::{Profile, Stage};
-use super::reach::{self, SWEEPS, Sealed};
+use super::marks::Marks;
+use super::reach::{self, SWEEPS};
 use super::step::{Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
 use super::transfer::{Fixed, Quantum};
@@ -59,7 +60,7 @@ pub struct Bake<'a> {
     pool: rayon::ThreadPool,
     committed: Instant,
     counted: Instant,
-    sealed: Sealed,
+    marks: Marks,
     /// Memory of the page cache, between cycles.
     spare: Spare,
     /// What paths through mirrors meet, where any are followed.
@@ -131,7 +132,7 @@ impl<'a> Bake<'a> {
             pool,
             committed: Instant::now(),
             counted: Instant::now(),
-            sealed: Sealed::default(),
+            marks: Marks::default(),
             spare: Spare::default(),
             supplied: Supplied::default(),
             lacking: 1.0,
@@ -141,13 +142,13 @@ impl<'a> Bake<'a> {
         };
         let sync = options.terms.sync.then_some(options.commit_every);
         bake.field.manifest_mut().statistics.sync = sync;
-        bake.sealed = bake.reach();
+        bake.marks = bake.reach();
         bake.end_step(progress::PREPARING);
         Ok(bake)
     }
 
     /// The texture values that no light can come to.
-    fn reach(&self) -> Sealed {
+    fn reach(&self) -> Marks {
         let lines: Vec<DirectionId> = self.directions.ids().collect();
         let looks = AtomicUsize::new(0);
         let looked = || {
@@ -155,7 +156,7 @@ impl<'a> Bake<'a> {
             self.report(true, (looks / SWEEPS) as u32);
             !self.options.stop.load(Ordering::Relaxed)
         };
-        self.pool.install(|| reach::sealed(&self.shared(), &lines, looked))
+        self.pool.install(|| reach::marks(&self.shared(), &lines, looked))
     }
 
     /// Runs to the end, or until asked to stop.
@@ -271,10 +272,10 @@ impl<'a> Bake<'a> {
                     .as_deref()
                     .map(|senders| Few { senders, paths: self.paths_in(lamps.as_ref()) }),
                 lacking: lacking.as_deref(),
-                sealed: &self.sealed,
+                marks: &self.marks,
             };
             let wanted =
-                Wanted { pages: what.pages, gathers: true, shared: &shared, sealed: &self.sealed };
+                Wanted { pages: what.pages, gathers: true, shared: &shared, marks: &self.marks };
             let place = (folder.as_str(), cycle + 1);
             let (done, walk) = self.walk(place, &wanted, |direction, worker| {
                 let mut scratch = lock(&workers[worker]);
@@ -517,7 +518,7 @@ impl<'a> Bake<'a> {
                 pages: pages.as_ref(),
                 gathers: false,
                 shared: &shared,
-                sealed: &self.sealed,
+                marks: &self.marks,
             };
             let place = (names::TOTAL, cycle);
             let (done, walk) = self.walk(place, &wanted, |direction, worker| {
@@ -534,7 +535,7 @@ impl<'a> Bake<'a> {
                 let maps = (total.as_slice(), lit.as_slice());
                 let id = DirectionId(direction);
                 let bytes =
-                    totals::total_map(&shared, id, maps, (mirrors, &self.sealed), &mut scratch);
+                    totals::total_map(&shared, id, maps, (mirrors, &self.marks), &mut scratch);
                 Ok(vec![(ChunkKind::Total, bytes)])
             })?;
             done.iter().for_each(|d| self.field.manifest_mut().mark_done(*d));

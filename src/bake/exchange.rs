@@ -7,7 +7,7 @@
 //! fragment is the space outside the scene.
 
 use super::layers::Fragment;
-use crate::ids::SurfaceId;
+use crate::ids::{Sense, SurfaceId};
 pub use crate::scene::contacts::CONTACT;
 use crate::scene::contacts::Contacts;
 
@@ -15,6 +15,16 @@ use crate::scene::contacts::Contacts;
 /// of the texel's radiance.
 pub fn see_each_other(near: Fragment, far: Fragment) -> bool {
     far.depth() - near.depth() > CONTACT
+}
+
+/// What the k-th fragment of a line sees first along the direction, or against it, and how far away that is.
+pub fn seen_from(fragments: &[Fragment], k: usize, sense: Sense) -> Option<(Fragment, f32)> {
+    let next = *match sense {
+        Sense::Along => fragments.get(k + 1),
+        Sense::Against => fragments[..k].last(),
+    }?;
+    let gap = (next.depth() - fragments[k].depth()).abs();
+    (gap > CONTACT).then_some((next, gap))
 }
 
 /// Puts touching fragments into an order that is the same from both ends of the ray and from every

@@ -7,7 +7,7 @@
 use super::MOST_CYCLES;
 use super::ahead::gathered_from;
 use super::layers::{Layers, SPLIT};
-use super::reach::Sealed;
+use super::marks::Marks;
 use super::step::{Scratch, Shared};
 use super::transfer::clip::Clip;
 use crate::field::writer::{WAITING, WRITERS};
@@ -128,12 +128,12 @@ impl Extent {
         let curve = shared.directions.curve();
         let step = (curve.len() / LOOKS as usize).max(1);
         let mut layers = Layers::default();
-        let sealed = Sealed::none(2 * shared.texels.len());
+        let marks = Marks::new(shared.texels);
         let mut most = Extent::default();
         for id in curve.into_iter().step_by(step) {
             let psf = Psf::new(shared.directions.vector(id), shared.parameters.resolution);
             layers.rasterise(shared.outlines, &psf);
-            let gathered = gathered_from(shared, &sealed, id).len() as u64;
+            let gathered = gathered_from(shared, &marks, id).len() as u64;
             most = most.most(Extent { gathered, ..Extent::of(shared, id, &mut layers) });
             if shared.parameters.supersample {
                 layers.find_split(shared.outlines);

@@ -142,7 +142,7 @@ fn make(
         Pages::new(field.shared_storage(), header, budget, options.threads)
     });
     let lines: Vec<DirectionId> = shared.directions.ids().collect();
-    let sealed = reach::sealed(shared, &lines, || true);
+    let marks = reach::marks(shared, &lines, || true);
     let visible = (shared.has_mirrors() && pages.is_none()).then(|| Visible::new(shared.scene));
     let scene = shared.scene;
     let paths = visible.as_ref().map(|visible| Paths { scene, visible, max_depth: MAX_DEPTH });
@@ -158,7 +158,7 @@ fn make(
             (None, None) => Mirrors::None,
         };
         let maps = (total.as_slice(), lit.as_slice());
-        let bytes = total_map(shared, DirectionId(*direction), maps, (mirrors, &sealed), scratch);
+        let bytes = total_map(shared, DirectionId(*direction), maps, (mirrors, &marks), scratch);
         field.write_tiles(names::TOTAL, (cycle, *direction), &[(ChunkKind::Total, bytes)])
     })
 }

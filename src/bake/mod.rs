@@ -18,6 +18,8 @@ pub mod exchange;
 
 pub mod perturb;
 
+pub mod marks;
+
 pub mod reach;
 
 pub mod transfer;

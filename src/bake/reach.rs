@@ -12,6 +12,7 @@
 
 use super::exchange;
 use super::layers::Layers;
+use super::marks::Marks;
 use super::step::Shared;
 use crate::ids::{DirectionId, SurfaceId};
 use crate::psf::Psf;
@@ -23,21 +24,21 @@ pub const SWEEPS: usize = 2;
 /// The texture values that no light can come to, as far as some lines tell. Works on all threads of the
 /// pool that it is called in. `looked` is called after each look along a line, [`SWEEPS`] times a line;
 /// where it says no, the rest is left out.
-pub fn sealed(shared: &Shared, lines: &[DirectionId], looked: impl Fn() -> bool + Sync) -> Sealed {
+pub fn marks(shared: &Shared, lines: &[DirectionId], looked: impl Fn() -> bool + Sync) -> Marks {
     let values = 2 * shared.texels.len();
     let cut = &shared.texels.met();
     let (mut reach, mut views) = (Reach::new(values), CutViews::new(values));
     let look = |reach: &mut Reach, id, layers: &mut _| reach.sweep(shared, cut, id, layers);
     let found = sweep(lines, &looked, || Reach::new(values), look);
     found.iter().for_each(|one| reach.merge(one));
-    let mut sealed = reach.sealed(shared, cut);
+    let mut marks = reach.marks(shared, cut);
     let look = |views: &mut CutViews, id, layers: &mut _| {
-        views.sweep(shared, (cut, &sealed), id, layers);
+        views.sweep(shared, (cut, &marks), id, layers);
     };
     let found = sweep(lines, &looked, || CutViews::new(values), look);
     found.iter().for_each(|one| views.merge(one));
-    views.seal(&mut sealed);
-    sealed
+    views.seal(&mut marks);
+    marks
 }
 
 /// Lets every thread of the pool look along lines until none is left. Returns what each of them found.
@@ -136,14 +137,14 @@ impl CutViews {
     fn sweep(
         &mut self,
         shared: &Shared,
-        (cut, sealed): (&[bool], &Sealed),
+        (cut, marks): (&[bool], &Marks),
         id: DirectionId,
         layers: &mut Layers,
     ) {
         pairs(shared, id, layers, |a, b| {
             for (viewer, seen) in [(a, b), (b, a)] {
                 if cut[viewer / 2] && !cut[seen / 2] {
-                    let is_sealed = sealed.has(seen);
+                    let is_sealed = marks.is_sealed(seen);
                     self.sees_sealed[viewer] |= is_sealed;
                     self.sees_open[viewer] |= !is_sealed;
                 }
@@ -159,28 +160,12 @@ impl CutViews {
     }
 
     /// Seals the cut values that see sealed ones only.
-    fn seal(&self, sealed: &mut Sealed) {
+    fn seal(&self, marks: &mut Marks) {
         for value in 0..self.sees_sealed.len() {
             if self.sees_sealed[value] && !self.sees_open[value] {
-                sealed.0[value / 64] |= 1 << (value % 64);
+                marks.seal(value);
             }
         }
-    }
-}
-
-/// Which texture values no light can come to, one bit each.
-#[derive(Clone, Debug, Default)]
-pub struct Sealed(Vec<u64>);
-
-impl Sealed {
-    /// None of so many values.
-    pub fn none(values: usize) -> Sealed {
-        Sealed(vec![0; values.div_ceil(64)])
-    }
-
-    /// Whether no light can come to a value.
-    pub fn has(&self, value: usize) -> bool {
-        self.0[value / 64] >> (value % 64) & 1 == 1
     }
 }
 
@@ -240,7 +225,7 @@ impl Reach {
     }
 
     /// The values that no light can come to.
-    fn sealed(mut self, shared: &Shared, cut: &[bool]) -> Sealed {
+    fn marks(mut self, shared: &Shared, cut: &[bool]) -> Marks {
         let values = self.parent.len();
         // Of a back and a front that see each other, the back says whether that counts.
         for value in 0..values {
@@ -269,15 +254,15 @@ impl Reach {
             let material = shared.scene.material_of(SurfaceId(surface as u32));
             lit[roots[value]] |= !material.emitted.is_black() && !shines[surface];
         }
-        let mut sealed = Sealed::none(values);
+        let mut marks = Marks::new(shared.texels);
         for (value, root) in roots.iter().enumerate() {
             // A front that nothing was joined to has only been missed.
             let missed = alone[*root] && value % 2 == 0;
             if !lit[*root] && !missed && !cut[value / 2] {
-                sealed.0[value / 64] |= 1 << (value % 64);
+                marks.seal(value);
             }
         }
-        sealed
+        marks
     }
 }
 
@@ -309,10 +294,10 @@ mod tests {
             exponent: 0,
         };
         let lines: Vec<DirectionId> = shared.directions.ids().collect();
-        let sealed = sealed(&shared, &lines, || true);
+        let marks = marks(&shared, &lines, || true);
         let mirrors: Vec<usize> = (texels.diffuse as usize..texels.len()).collect();
         assert!(mirrors.len() > 500);
-        assert!(mirrors.iter().all(|m| sealed.has(2 * m + 1)), "the inside is open");
-        assert!(mirrors.iter().all(|m| !sealed.has(2 * m)), "the outside is sealed");
+        assert!(mirrors.iter().all(|m| marks.is_sealed(2 * m + 1)), "the inside is open");
+        assert!(mirrors.iter().all(|m| !marks.is_sealed(2 * m)), "the outside is sealed");
     }
 }

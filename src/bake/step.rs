@@ -10,10 +10,10 @@ use super::layers::{Fragment, Layers, Outlines, SPLIT, Through, projections};
 use super::ledger::{Tally, channels};
 use super::perturb;
 use super::profile::{Stage, Watch};
-use super::reach::Sealed;
+use super::marks::{self, Marks};
 use super::transfer::clip::{self, Clip, Ground, Projection};
 use super::transfer::specular::MirrorSender;
-use super::transfer::{Fixed, LINE, Quantum, add};
+use super::transfer::{self, Fixed, LINE, Quantum, add};
 use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::Pages;
@@ -91,8 +91,8 @@ pub struct Cycle<'a> {
     /// The surfaces that lack lines, when others have enough: perturbed PSFs have only the lines that meet one
     /// of them. `None`: all.
     pub lacking: Option<&'a [bool]>,
-    /// Texture values that no light can come to.
-    pub sealed: &'a Sealed,
+    /// Which texture values no light can come to, and what else is special about texels.
+    pub marks: &'a Marks,
 }
 
 impl Cycle<'_> {
@@ -408,44 +408,48 @@ impl Line<'_> {
         slot: usize,
         scratch: &mut Scratch,
     ) {
-        let diffuse = self.shared.texels.diffuse;
+        let marks = self.cycle.marks;
         let fragments = scratch.layers.slot(slot);
         let Shared { outlines, texels, .. } = *self.shared;
-        exchange::order_contacts(fragments, &outlines.contacts, &texels.surface_of);
-        self.bring_home(cell, fragments);
-        let (outside, sealed) = (self.cycle.outside(), self.cycle.sealed);
-        let is_diffuse = |f: &Fragment| f.texel() < diffuse;
-        let has_mirrors = !fragments.iter().all(is_diffuse);
-        if has_mirrors {
-            scratch.arrived.clear();
-            scratch.arrived.resize(fragments.len(), [Rgb::BLACK; 2]);
-            scratch.line.clear();
-            scratch.line.extend_from_slice(fragments);
+        if fragments.windows(2).any(|pair| !exchange::see_each_other(pair[0], pair[1])) {
+            exchange::order_contacts(fragments, &outlines.contacts, &texels.surface_of);
+        }
+        let marked = |fragments: &[Fragment]| {
+            fragments.iter().fold(0, |all, fragment| all | marks.of(fragment.texel()))
+        };
+        if marked(fragments) & marks::CUT != 0 {
+            self.bring_home(cell, fragments);
         }
         let (Some(first), Some(last)) = (fragments.first(), fragments.last()) else { return };
+        let has_mirrors = marked(fragments) & marks::MIRROR != 0;
+        let is_diffuse = |f: &Fragment| !has_mirrors || f.texel() < texels.diffuse;
+        let outside = self.cycle.outside();
         let mut put = |near: usize, far: usize| {
             // A pair in the dark only counts lines.
             if COUNTS > 0 || self.is_lit(near) || self.is_lit(far) {
                 scratch.pairs.push([near as u32, far as u32]);
             }
         };
-        if is_diffuse(first) && !sealed.has(first.value_against()) {
+        if is_diffuse(first) && !marks.is_sealed(first.value_against()) {
             put(outside, first.value_against());
         }
         for pair in fragments.windows(2) {
             let (near, far) = (pair[0], pair[1]);
-            let diffuse = !has_mirrors || (is_diffuse(&near) && is_diffuse(&far));
-            if diffuse && is_open(near, far, sealed) {
+            if is_diffuse(&near) && is_diffuse(&far) && is_open(near, far, marks) {
                 put(near.value_along(), far.value_against());
             }
         }
-        if is_diffuse(last) && !sealed.has(last.value_along()) {
+        if is_diffuse(last) && !marks.is_sealed(last.value_along()) {
             put(last.value_along(), outside);
         }
         if self.clips() {
             scratch.cells.resize(scratch.pairs.len(), cell);
         }
         if has_mirrors {
+            scratch.arrived.clear();
+            scratch.arrived.resize(fragments.len(), [Rgb::BLACK; 2]);
+            scratch.line.clear();
+            scratch.line.extend_from_slice(fragments);
             self.exchange_with_mirrors::<SHARES, COUNTS>(cell, scratch);
         }
     }
@@ -455,8 +459,7 @@ impl Line<'_> {
     }
 
     fn ground<'a>(&'a self, projections: &'a [Projection]) -> Ground<'a> {
-        let Texels { surface_of, cuts, .. } = self.shared.texels;
-        Ground { projections, surface_of, sealed: self.cycle.sealed, cuts }
+        Ground { projections, surface_of: &self.shared.texels.surface_of, marks: self.cycle.marks }
     }
 
     /// Whether a texture value sends anything.
@@ -469,7 +472,7 @@ impl Line<'_> {
     fn bring_home(&self, cell: Cell, fragments: &mut [Fragment]) {
         let Shared { scene, texels, outlines, .. } = *self.shared;
         for fragment in fragments {
-            if texels.cuts.is_cut(fragment.texel()) {
+            if self.cycle.marks.of(fragment.texel()) & marks::CUT != 0 {
                 let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
                 let point = self.psf.unproject(x, y, fragment.depth());
                 let home = outlines.homes.of(scene, texels, fragment.texel(), point);
@@ -489,17 +492,12 @@ impl Line<'_> {
         if self.clips() {
             let (ground, pairs) = (self.ground(projections), (cells.as_slice(), pairs.as_slice()));
             let shot = clip.exchange::<SHARES, COUNTS>(pairs, &ground, current, sums);
-            add::<1, 1>(&mut flow.shot, &shot);
+            transfer::add_to(&mut flow.shot, &shot);
             watch.profile.touches += 2 * clip.tap_count() as u64;
         } else {
             watch.profile.touches += 4 * pairs.len() as u64;
-            for [near, far] in pairs.iter().map(|ends| ends.map(|value| value as usize)) {
-                let (along, against) = (&current[near], &current[far]);
-                add::<SHARES, COUNTS>(&mut sums[far], along);
-                add::<SHARES, COUNTS>(&mut sums[near], against);
-                add::<SHARES, COUNTS>(&mut flow.shot, along);
-                add::<SHARES, COUNTS>(&mut flow.shot, against);
-            }
+            let shot = transfer::exchange::<SHARES, COUNTS>(pairs, current, sums);
+            transfer::add_to(&mut flow.shot, &shot);
         }
         pairs.clear();
         cells.clear();
@@ -515,17 +513,17 @@ impl Line<'_> {
         cell: Cell,
         scratch: &mut Scratch,
     ) {
-        let (count, sealed) = (scratch.line.len(), self.cycle.sealed);
+        let (count, marks) = (scratch.line.len(), self.cycle.marks);
         let is_mirror = |f: Fragment| f.texel() >= self.shared.texels.diffuse;
         for gap in 0..=count {
             let near = gap.checked_sub(1).map(|k| (k, scratch.line[k]));
             let far = (gap < count).then(|| (gap, scratch.line[gap]));
             let open = match (near, far) {
                 (Some((_, near)), Some((_, far))) => {
-                    (is_mirror(near) || is_mirror(far)) && is_open(near, far, sealed)
+                    (is_mirror(near) || is_mirror(far)) && is_open(near, far, marks)
                 }
-                (Some((_, near)), None) => is_mirror(near) && !sealed.has(near.value_along()),
-                (None, Some((_, far))) => is_mirror(far) && !sealed.has(far.value_against()),
+                (Some((_, near)), None) => is_mirror(near) && !marks.is_sealed(near.value_along()),
+                (None, Some((_, far))) => is_mirror(far) && !marks.is_sealed(far.value_against()),
                 (None, None) => false,
             };
             if !open {
@@ -639,7 +637,7 @@ impl Line<'_> {
         let Some(paths) = &few.paths else { return true };
         let (dir, hit) = self.met(place, sense);
         let texel = self.shared.texels.lattices[place.0.index()].first as usize;
-        if self.cycle.sealed.has(2 * texel + hit.side.index()) {
+        if self.cycle.marks.is_sealed(2 * texel + hit.side.index()) {
             return false;
         }
         let emits = |s: SurfaceId| !self.shared.scene.material_of(s).emitted.is_black();
@@ -710,9 +708,9 @@ impl Line<'_> {
 }
 
 /// Whether light can pass between two neighbours on a line.
-fn is_open(near: Fragment, far: Fragment, sealed: &Sealed) -> bool {
-    !sealed.has(near.value_along())
-        && !sealed.has(far.value_against())
+fn is_open(near: Fragment, far: Fragment, marks: &Marks) -> bool {
+    !marks.is_sealed(near.value_along())
+        && !marks.is_sealed(far.value_against())
         && exchange::see_each_other(near, far)
 }
 

@@ -9,13 +9,13 @@
 use super::exchange;
 use super::layers::{Fragment, Layers};
 use super::profile::{Stage, Watch};
-use super::reach::Sealed;
+use super::marks::Marks;
 use super::step::Shared;
 use crate::field::pages::Page;
 use crate::format::manifest::Parameters;
 use crate::format::tiles::{CoveredCell, TileMapWriter};
 use crate::ids::{Cell, DirectionId, Sense, Side, SurfaceId};
-use crate::paths::{LIFT, Paths};
+use crate::paths::Paths;
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::texels;
@@ -51,7 +51,7 @@ pub fn total_map(
     shared: &Shared,
     id: DirectionId,
     (total, lit): (&[Rgb], &[[bool; 2]]),
-    (mirrors, sealed): (Mirrors, &Sealed),
+    (mirrors, marks): (Mirrors, &Marks),
     scratch: &mut Scratch,
 ) -> Vec<u8> {
     let Parameters { resolution, tile: m, .. } = *shared.parameters;
@@ -97,13 +97,13 @@ pub fn total_map(
                         let entry = page.map().entry(cell, id);
                         entry.and_then(|e| e.radiance(cell, sense)).unwrap_or_default()
                     }
-                    Mirrors::Traced(_) if sealed.has(fragment.value(sense)) => Rgb::BLACK,
+                    Mirrors::Traced(_) if marks.is_sealed(fragment.value(sense)) => Rgb::BLACK,
                     Mirrors::Traced(paths) => {
-                        let away = psf.direction * sense.sign();
-                        let (at, normal) = (hit(*fragment, sense), shared.scene.surface(id).normal);
-                        let above = at.point + normal * (LIFT * at.side.sign());
-                        let seen = paths.visible.nearest_but(above, away, 0.0, Some(id));
-                        seen.map_or(Rgb::BLACK, |seen| paths.radiance(away, &seen, true, diffuse))
+                        let seen = exchange::seen_from(fragments, k, sense);
+                        seen.map_or(Rgb::BLACK, |(next, distance)| {
+                            let at = Hit { distance, ..hit(next, sense.flip()) };
+                            paths.radiance(psf.direction * sense.sign(), &at, true, diffuse)
+                        })
                     }
                 });
                 scratch.tile.push(CoveredCell { surface: id, cell: inside, radiance });

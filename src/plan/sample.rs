@@ -5,7 +5,8 @@ use super::rehearsal::{Generation, Rehearsal};
 use crate::bake::BakeError;
 use crate::bake::layers::Layers;
 use crate::bake::memory::Extent;
-use crate::bake::reach::{self, Sealed};
+use crate::bake::marks::Marks;
+use crate::bake::reach;
 use crate::bake::step::Shared;
 use crate::bake::totals::{self, Mirrors};
 use crate::directions::Directions;
@@ -71,8 +72,8 @@ impl Sample {
         let chosen: Vec<DirectionId> = chosen(curve.len()).into_iter().map(|k| curve[k]).collect();
         let mut lit = totals::lit_sides(shared.texels, &rehearsal.total);
         // More lines than the rehearsal's: its few leave parts of solids' insides open.
-        let sealed = pool.install(|| reach::sealed(shared, &chosen, || true));
-        let sides = sealed_sides(shared, &sealed);
+        let marks = pool.install(|| reach::marks(shared, &chosen, || true));
+        let sides = sealed_sides(shared, &marks);
         lit.iter_mut().zip(&sides).for_each(|(lit, sealed)| {
             (0..2).for_each(|side| lit[side] &= !sealed[side]);
         });
@@ -90,7 +91,7 @@ impl Sample {
         let look = |scratch: &mut (Layers, totals::Scratch), id: DirectionId| {
             let extent = extent(shared, id, &mut scratch.0);
             let total = (calm.as_slice(), lit.as_slice());
-            let map = totals::total_map(shared, id, total, (mirrors, &sealed), &mut scratch.1);
+            let map = totals::total_map(shared, id, total, (mirrors, &marks), &mut scratch.1);
             let failed = FieldError::io("encode", Path::new("total map"));
             let zstd = encode(Codec::Zstd, &map).map_err(failed)?.len() as u64;
             let layout = Layout::check(&map, resolution, tile, surfaces, exponent);
@@ -213,11 +214,11 @@ const FALL: f64 = 0.75;
 const AROUND: u32 = 2;
 
 /// The sides of surfaces that no light can come to anywhere.
-fn sealed_sides(shared: &Shared, sealed: &Sealed) -> Vec<[bool; 2]> {
+fn sealed_sides(shared: &Shared, marks: &Marks) -> Vec<[bool; 2]> {
     let mut sides = vec![[true; 2]; shared.scene.surfaces.len()];
     for (texel, surface) in shared.texels.surface_of.iter().enumerate() {
         for (side, all) in sides[*surface as usize].iter_mut().enumerate() {
-            *all &= sealed.has(2 * texel + side);
+            *all &= marks.is_sealed(2 * texel + side);
         }
     }
     sides

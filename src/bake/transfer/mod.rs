@@ -53,12 +53,50 @@ impl Quantum {
     }
 }
 
+/// `SHARES` times a line's radiance; the line counts `COUNTS` times that.
+#[inline]
+pub fn times<const SHARES: i64, const COUNTS: i64>(line: &Fixed) -> Fixed {
+    [line[0] * SHARES, line[1] * SHARES, line[2] * SHARES, line[3] * SHARES * COUNTS]
+}
+
+/// Adds a line to a sum.
+#[inline]
+pub fn add_to(sum: &mut Fixed, line: &Fixed) {
+    let [a, b] = [*sum, *line];
+    *sum = [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]];
+}
+
 /// Adds `SHARES` times a line's radiance to a sum; the line counts `COUNTS` times that.
+#[inline]
 pub fn add<const SHARES: i64, const COUNTS: i64>(sum: &mut Fixed, line: &Fixed) {
-    for (s, l) in sum.iter_mut().zip(line).take(3) {
-        *s += l * SHARES;
+    add_to(sum, &times::<SHARES, COUNTS>(line));
+}
+
+/// How many pairs' lines are read before the first is added: texels are far away in memory, and the processor
+/// waits for as many of them at once as it has work that needs none.
+const AHEAD: usize = 16;
+
+/// Exchanges light along pairs of texture values that look at each other, each of `current` in both: what one
+/// sends the other receives, in `sums`. Returns what was sent in all.
+pub fn exchange<const SHARES: i64, const COUNTS: i64>(
+    pairs: &[[u32; 2]],
+    current: &[Fixed],
+    sums: &mut [Fixed],
+) -> Fixed {
+    let mut shot = [0; 4];
+    let mut sent = [[[0; 4]; 2]; AHEAD];
+    for block in pairs.chunks(AHEAD) {
+        for (sent, [near, far]) in sent.iter_mut().zip(block) {
+            *sent = [near, far].map(|value| times::<SHARES, COUNTS>(&current[*value as usize]));
+        }
+        for ([along, against], [near, far]) in sent.iter().zip(block) {
+            add_to(&mut sums[*far as usize], along);
+            add_to(&mut sums[*near as usize], against);
+            add_to(&mut shot, along);
+            add_to(&mut shot, against);
+        }
     }
-    sum[3] += line[3] * SHARES * COUNTS;
+    shot
 }
 
 #[cfg(test)]

@@ -12,10 +12,9 @@ pub mod overlap;
 
 use self::overlap::{Cells, WHOLE, Windows};
 use super::Fixed;
-use crate::bake::reach::Sealed;
+use crate::bake::marks::{self, Marks};
 use crate::ids::Cell;
 use crate::level::level;
-use crate::scene::cuts::Cuts;
 use fearless_simd::{Level, dispatch};
 
 /// Cells that are clipped at once.
@@ -46,10 +45,8 @@ pub struct Ground<'a> {
     pub projections: &'a [Projection],
     /// For each texel its surface.
     pub surface_of: &'a [u32],
-    /// Texture values that no light can come to.
-    pub sealed: &'a Sealed,
-    /// Texels that other surfaces pass through.
-    pub cuts: &'a Cuts,
+    /// Which texture values no light can come to, and which texels others cut.
+    pub marks: &'a Marks,
 }
 
 impl Ground<'_> {
@@ -63,7 +60,7 @@ impl Ground<'_> {
     /// is sealed, nor if it is cut, for then it lies behind the cut as likely as not.
     #[inline(always)]
     fn joins(&self, value: u32) -> bool {
-        !self.sealed.has(value as usize) && !self.cuts.is_cut(value / 2)
+        !self.marks.is_sealed(value as usize) && self.marks.of(value / 2) & marks::CUT == 0
     }
 }
 

@@ -143,8 +143,7 @@ proptest! {
 struct Facing {
     projections: [Projection; 2],
     surface_of: Vec<u32>,
-    sealed: Sealed,
-    cuts: Cuts,
+    marks: Marks,
     current: Vec<Fixed>,
     cells: Vec<Cell>,
     pairs: Vec<[u32; 2]>,
@@ -186,8 +185,7 @@ impl Facing {
         Facing {
             projections,
             surface_of,
-            sealed: Sealed::none(values),
-            cuts: Cuts::none(values / 2),
+            marks: Marks::none(values / 2),
             current,
             cells,
             pairs,
@@ -198,8 +196,7 @@ impl Facing {
         let ground = Ground {
             projections: &self.projections,
             surface_of: &self.surface_of,
-            sealed: &self.sealed,
-            cuts: &self.cuts,
+            marks: &self.marks,
         };
         let mut sums = vec![[0; 4]; self.current.len()];
         let mut clip = Clip::new(level);
@@ -225,8 +222,7 @@ fn a_cell_alone_has_the_taps_it_has_among_others() {
     let ground = Ground {
         projections: &facing.projections,
         surface_of: &facing.surface_of,
-        sealed: &facing.sealed,
-        cuts: &facing.cuts,
+        marks: &facing.marks,
     };
     let mut clip = Clip::default();
     let mut sums = vec![[0; 4]; facing.current.len()];
