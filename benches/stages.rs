@@ -178,6 +178,7 @@ fn shoot_one_direction(bencher: Bencher) {
         thinned: 0,
         few: None,
         lacking: None,
+        kept: None,
         marks: &marks,
     };
     let mut scratch = Scratch::new(&OFFICE.texels);

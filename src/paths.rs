@@ -64,27 +64,39 @@ impl Paths<'_> {
     /// `emit` says whether mirrors' own emission counts; `diffuse` gives what a diffuse surface sends.
     pub fn radiance(
         &self,
-        mut dir: Vec3,
+        dir: Vec3,
         hit: &Hit,
         emit: bool,
         diffuse: impl FnOnce(&Hit) -> Rgb,
     ) -> Rgb {
+        let path = self.follow(dir, hit, emit);
+        match path.end {
+            Some(end) => path.emitted + path.carried * diffuse(&end),
+            None => path.emitted,
+        }
+    }
+
+    /// Follows the path that a hit shows against the unit direction `dir` in which it was met. `emit` says
+    /// whether mirrors' own emission counts.
+    pub fn follow(&self, mut dir: Vec3, hit: &Hit, emit: bool) -> Path {
         let mut hit = *hit;
-        let mut carried = Rgb::splat(1.0);
-        let mut found = Rgb::BLACK;
+        let mut path = Path { emitted: Rgb::BLACK, carried: Rgb::splat(1.0), end: None };
         let mut backs = 0;
         for _ in 0..=self.max_depth {
             let material = self.scene.material_of(hit.surface);
             let factor = match material.reflectance {
-                Reflectance::Diffuse(_) => return found + carried * diffuse(&hit),
+                Reflectance::Diffuse(_) => {
+                    path.end = Some(hit);
+                    break;
+                }
                 Reflectance::Mirror(factor) => factor,
             };
             if emit && hit.side == Side::Front {
-                found += carried * material.emitted;
+                path.emitted += path.carried * material.emitted;
             }
             backs = if hit.side == Side::Back { backs + 1 } else { 0 };
-            carried = carried * factor;
-            if carried.max() < LEAST_THROUGHPUT || backs > BACKS {
+            path.carried = path.carried * factor;
+            if path.carried.max() < LEAST_THROUGHPUT || backs > BACKS {
                 break;
             }
             let (origin, reflected) = reflect(dir, &hit, self.scene.surface(hit.surface).normal);
@@ -93,8 +105,19 @@ impl Paths<'_> {
                 None => break,
             }
         }
-        found
+        path
     }
+}
+
+/// What a path `S* D` finds.
+#[derive(Clone, Copy, Debug)]
+pub struct Path {
+    /// What its mirrors emit, as it arrives at the path's beginning.
+    pub emitted: Rgb,
+    /// What part of the light of its end its mirrors carry on.
+    pub carried: Rgb,
+    /// Where it meets a diffuse surface, if it does.
+    pub end: Option<Hit>,
 }
 
 /// The ray that leaves a mirror, origin and unit direction.

@@ -16,11 +16,12 @@ use super::ahead::{Wanted, ahead};
 use super::estimate::{Errors, Totals, by_surface, estimate};
 use super::layers::Outlines;
 use super::ledger::{Tally, Units, account, channels, received, texture_power};
+use super::links::Kept;
+use super::marks::Marks;
 use super::memory::Need;
 use super::profile::{Profile, Stage};
-use super::marks::Marks;
 use super::reach::{self, SWEEPS};
-use super::step::{Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
+use super::step::{Again, Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
 use super::transfer::{Fixed, Quantum};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, count_run};
@@ -29,7 +30,7 @@ use crate::field::pages::{Pages, Spare};
 use crate::field::writer::{self, Maps};
 use crate::field::{Field, FieldError};
 use crate::format::container::{ChunkKind, FileKind, NO_DIRECTION};
-use crate::format::manifest::{CycleLedger, Parameters, Phase};
+use crate::format::manifest::{CycleLedger, Grids, Parameters, Phase};
 use crate::format::names;
 use crate::ids::{DirectionId, SurfaceId};
 use crate::paths::{MAX_DEPTH, Paths};
@@ -73,6 +74,8 @@ pub struct Bake<'a> {
     work: f64,
     /// Directions of the step under way that an earlier run did.
     done_before: u32,
+    /// What PSFs exchanged in the cycles so far.
+    kept: Kept,
     /// Where the time of this run went, but for the walk under way.
     profile: Profile,
 }
@@ -138,6 +141,7 @@ impl<'a> Bake<'a> {
             lacking: 1.0,
             work: 0.0,
             done_before: 0,
+            kept: Kept::new(need.spare(options.memory)),
             profile: Profile::default(),
         };
         let sync = options.terms.sync.then_some(options.commit_every);
@@ -174,6 +178,7 @@ impl<'a> Bake<'a> {
                 return Ok(Outcome::Stopped);
             }
         }
+        self.kept = Kept::new(0);
         if let Walk::Stopped = self.totals()? {
             return Ok(Outcome::Stopped);
         }
@@ -272,6 +277,7 @@ impl<'a> Bake<'a> {
                     .as_deref()
                     .map(|senders| Few { senders, paths: self.paths_in(lamps.as_ref()) }),
                 lacking: lacking.as_deref(),
+                kept: Some(Again { links: &self.kept, next: self.next_grids(cycle) }),
                 marks: &self.marks,
             };
             let wanted =
@@ -312,6 +318,13 @@ impl<'a> Bake<'a> {
         (self.supplied, self.lacking) = (Supplied::default(), 1.0);
         self.profile.spend(Stage::Textures, began.elapsed().as_secs_f64());
         Ok(Walk::Done)
+    }
+
+    /// The PSFs of the cycle after one, if there may be one.
+    fn next_grids(&self, cycle: u32) -> Option<Grids> {
+        let next = cycle + 1;
+        let is_last = self.parameters.cycles.is_some_and(|cycles| next >= cycles);
+        (!is_last).then(|| self.parameters.grids(next))
     }
 
     /// Counts what the page cache did into the field's figures.

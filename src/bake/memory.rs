@@ -7,6 +7,7 @@
 use super::MOST_CYCLES;
 use super::ahead::gathered_from;
 use super::layers::{Layers, SPLIT};
+use super::links::Shown;
 use super::marks::Marks;
 use super::step::{Scratch, Shared};
 use super::transfer::clip::Clip;
@@ -33,6 +34,10 @@ const KEPT: u64 = 20;
 
 /// The most that it keeps.
 const MOST_KEPT: u64 = 64 << 20;
+
+/// The most bytes that the links between two neighbours on a line take while they are found: what a mirror
+/// shows each way, in a list that grows.
+const A_LINK: u64 = 2 * 2 * size_of::<Shown>() as u64;
 
 /// Bytes in which disks give room.
 const A_BLOCK: u64 = 4096;
@@ -195,6 +200,8 @@ pub struct Need {
     pub fixed: [u64; 2],
     /// The least that the page cache must hold.
     pub least_pages: u64,
+    /// Links of PSFs that are being found; if there is as much to spare.
+    pub links: u64,
     /// All pages of a generation: with more, the cache has nothing left to do.
     pub all_pages: u64,
     /// Bytes of the disk that must be free when a direction is begun, while light is propagated and
@@ -237,6 +244,7 @@ impl Need {
         let sums = (values * 64 + 2 * A_BLOCK).next_multiple_of(A_BLOCK);
         Need {
             fixed: [propagating, totals],
+            links: threads * A_LINK * (extent.fragments + cells),
             least_pages: 2 * threads * extent.mirror_map,
             all_pages: (directions + 2 * threads) * extent.mirror_map,
             room: [
@@ -244,6 +252,12 @@ impl Need {
                 under_way(extent.total_map) + record,
             ],
         }
+    }
+
+    /// What a grant leaves for links while light is propagated.
+    pub fn spare(&self, granted: u64) -> u64 {
+        let taken = self.fixed[0].max(self.fixed[1]) + self.all_pages + self.links;
+        granted.saturating_sub(taken)
     }
 
     /// The smallest grant that works.

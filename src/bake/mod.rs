@@ -1,7 +1,8 @@
 //! Act one, made: light is propagated through the field (section 4).
 //!
 //! In: a [`Scene`] and [`Parameters`]. Out: a field directory. The stages, in the data's order:
-//! [`homes`] (which texel a point belongs to), [`layers`] (every surface on every ray), [`exchange`] (who sees whom), [`transfer`] (what travels), [`reach`] (where no light can come),
+//! [`homes`] (which texel a point belongs to), [`layers`] (every surface on every ray), [`exchange`] (who sees whom),
+//! [`links`] (what of that is kept), [`transfer`] (what travels), [`marks`] and [`reach`] (where no light can come),
 //! [`refine`] (how fine texels are), [`step`] (one direction in one cycle), [`cycle`] (the loops), [`ledger`] (where the energy went),
 //! [`estimate`] (how wrong it is),
 //! [`totals`] (the last sweep), [`mend`] (what of it went bad since).
@@ -19,6 +20,8 @@ pub mod exchange;
 pub mod perturb;
 
 pub mod marks;
+
+pub mod links;
 
 pub mod reach;
 

@@ -4,30 +4,32 @@
 //! receivers (added to the worker's own), and the direction's tile maps of the next generation. A pure
 //! function of its inputs, so that a step may be done again, in any order, by any thread.
 
+mod mirrored;
+
 use super::estimate::half_of;
 use super::exchange;
 use super::layers::{Fragment, Layers, Outlines, SPLIT, Through, projections};
 use super::ledger::{Tally, channels};
+use super::links::{Kept, Links};
+use super::marks::{self, Marks};
 use super::perturb;
 use super::profile::{Stage, Watch};
-use super::marks::{self, Marks};
-use super::transfer::clip::{self, Clip, Ground, Projection};
+use super::transfer::clip::{Clip, Ground, Projection};
 use super::transfer::specular::MirrorSender;
-use super::transfer::{self, Fixed, LINE, Quantum, add};
+use super::transfer::{self, Fixed, LINE, Quantum};
 use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::Pages;
 use crate::format::container::ChunkKind;
-use crate::format::manifest::{Parameters, Transfer};
+use crate::format::manifest::{Grids, Parameters, Transfer};
 use crate::format::tiles::{CoveredCell, TileMapWriter};
-use crate::ids::{Cell, DirectionId, Sense, Side, SurfaceId};
+use crate::ids::{Cell, DirectionId, Sense, SurfaceId};
 use crate::paths::Paths;
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
-use crate::visible::Hit;
-use glam::Vec3;
+use mirrored::keep_mirrors;
 use std::ops::Range;
 
 /// What all steps of a bake share.
@@ -91,8 +93,19 @@ pub struct Cycle<'a> {
     /// The surfaces that lack lines, when others have enough: perturbed PSFs have only the lines that meet one
     /// of them. `None`: all.
     pub lacking: Option<&'a [bool]>,
+    /// What earlier cycles found of PSFs, and what later ones are to know of this one's.
+    pub kept: Option<Again<'a>>,
     /// Which texture values no light can come to, and what else is special about texels.
     pub marks: &'a Marks,
+}
+
+/// What is found once for several cycles.
+#[derive(Clone, Copy)]
+pub struct Again<'a> {
+    /// What was kept.
+    pub links: &'a Kept,
+    /// The PSFs that the next cycle has, if there is one: links of others are not kept.
+    pub next: Option<Grids>,
 }
 
 impl Cycle<'_> {
@@ -118,6 +131,10 @@ pub struct Scratch {
     projections: Vec<Projection>,
     clip: Clip,
     line: Vec<Fragment>,
+    /// The links of the PSF under way, while they are to be kept.
+    links: Option<Links>,
+    /// Memory for the next PSF's.
+    spare_links: Links,
     arrived: Vec<[Rgb; 2]>,
     tile: Vec<CoveredCell>,
     flow: Flow,
@@ -168,6 +185,8 @@ impl Scratch {
             projections: Vec::new(),
             clip: Clip::default(),
             line: Vec::new(),
+            links: None,
+            spare_links: Links::default(),
             tally: Tally::default(),
             senders: (0..2 * mirrors).map(|_| None).collect(),
             used_senders: Vec::new(),
@@ -179,8 +198,8 @@ impl Scratch {
         }
     }
 
-    /// Adds a PSF's flow to the tally and lets go of its senders.
-    fn settle(&mut self, is_stored: bool) {
+    /// Adds the flow of a PSF of so many fragments to the tally and lets go of its senders.
+    fn settle(&mut self, fragments: u64, is_stored: bool) {
         let flow = std::mem::take(&mut self.flow);
         let sum = |lines: &Fixed| i128::from(channels(lines));
         self.tally.shot_diffuse += sum(&flow.shot);
@@ -190,8 +209,7 @@ impl Scratch {
         if is_stored {
             self.tally.mirrored_true += sum(&flow.mirrored);
         }
-        self.tally.fragments += self.layers.len() as u64;
-        self.watch.profile.fragments += self.layers.len() as u64;
+        self.tally.fragments += fragments;
         for used in self.used_senders.drain(..) {
             self.senders[used] = None;
         }
@@ -215,42 +233,46 @@ pub fn shoot(
         return Ok(made);
     }
     let colour = shared.directions.colour(id, cycle.thinned);
+    let double = shared.directions.shares(id) == 2;
+    let stores_mirrors = shared.stores_mirrors();
     for number in cycle.grids.clone() {
         let psf = perturb::psf(shared.directions, id, number, shared.parameters.resolution);
-        let line = Line { shared, cycle, psf: &psf, half: half_of(colour, number) };
+        let few = cycle.few.filter(|_| number > 0);
+        let lacking = cycle.lacking.filter(|_| number > 0);
+        let line = Line { shared, cycle, psf: &psf, half: half_of(colour, number), few };
+        let is_whole = few.is_none() && lacking.is_none();
+        let stores = number == 0 && stores_mirrors;
+        let splits = shared.parameters.supersample && is_whole && !stores;
+        let kept = cycle.kept.filter(|_| is_whole && line.is_linked() && !stores && !splits);
+        if let Some(links) = kept.and_then(|kept| kept.links.get(id, number)) {
+            match double {
+                true => line.again::<2>(&links, scratch),
+                false => line.again::<3>(&links, scratch),
+            }
+            scratch.settle(links.fragments, false);
+            scratch.watch.lap(Stage::Transfer);
+            continue;
+        }
         if line.clips() {
             projections(shared.outlines, &psf, &mut scratch.projections);
         }
-        let double = shared.directions.shares(id) == 2;
-        let few = cycle.few.filter(|_| number > 0);
-        let lacking = cycle.lacking.filter(|_| number > 0);
-        let stores = number == 0 && shared.stores_mirrors();
-        let is_whole = few.is_none() && lacking.is_none();
-        let splits = shared.parameters.supersample && is_whole && !stores;
         if is_whole {
             scratch.layers.rasterise(shared.outlines, &psf);
         } else {
-            let is_mirror = |s: SurfaceId| shared.scene.material_of(s).reflectance.is_mirror();
-            let sends = |few: &Few, surface, point| {
-                let sends = |sense| line.may_send(few, (surface, point, FAR), sense);
-                !is_mirror(surface) || [Sense::Along, Sense::Against].into_iter().any(sends)
-            };
-            let through = Through {
-                senders: few.map(|few| few.senders),
-                sends: |surface, point| few.is_none_or(|few| sends(&few, surface, point)),
-                receivers: lacking,
-            };
-            scratch.layers.rasterise_through(shared.outlines, &psf, &through);
+            line.rasterise_through(lacking, scratch);
         }
         if splits {
             scratch.layers.find_split(shared.outlines);
         }
+        scratch.watch.profile.fragments += scratch.layers.len() as u64;
         scratch.watch.lap(Stage::Rasterise);
         let what = match (is_whole, stores) {
             (false, _) => Lines::Window { counts: few.is_none() },
             (true, true) => Lines::Mapped(id),
             (true, false) => Lines::Grid { splits },
         };
+        let kept = kept.filter(|kept| kept.is_wanted(shared.directions, id, number));
+        scratch.links = kept.map(|_| std::mem::take(&mut scratch.spare_links));
         // A ray of a split cell stands for a part of the cell.
         made = match (double, shared.parameters.supersample) {
             (true, false) => line.pass::<2>(what, scratch)?,
@@ -259,26 +281,43 @@ pub fn shoot(
             (false, true) => line.pass::<{ 3 * PARTS }>(what, scratch)?,
         }
         .or(made);
+        if let (Some(mut links), Some(kept)) = (scratch.links.take(), kept) {
+            links.fragments = scratch.layers.len() as u64;
+            kept.links.put(id, number, &links);
+            links.clear();
+            scratch.spare_links = links;
+        }
         if splits {
-            scratch.settle(false);
+            scratch.settle(scratch.layers.len() as u64, false);
             let psf = psf.parted(SPLIT);
             let line = Line { psf: &psf, ..line };
             if line.clips() {
                 projections(shared.outlines, &psf, &mut scratch.projections);
             }
             scratch.layers.rasterise_split(shared.outlines, &psf);
+            scratch.watch.profile.fragments += scratch.layers.len() as u64;
             scratch.watch.lap(Stage::Rasterise);
             match double {
                 true => line.through_window::<2, 1>(scratch),
                 false => line.through_window::<3, 1>(scratch),
             }
         }
-        scratch.settle(stores);
+        scratch.settle(scratch.layers.len() as u64, stores);
         if let Some(error) = scratch.failure.take() {
             return Err(error);
         }
     }
     Ok(made)
+}
+
+impl Again<'_> {
+    /// Whether the next cycle has a PSF, and there is room for its links.
+    fn is_wanted(&self, directions: &Directions, id: DirectionId, number: u32) -> bool {
+        let has = |next: Grids| {
+            number < next.perturbations && directions.is_in_coarser(id, next.thinned)
+        };
+        self.next.is_some_and(has) && self.links.has_room()
+    }
 }
 
 /// The lines of one PSF.
@@ -289,6 +328,8 @@ struct Line<'a> {
     psf: &'a Psf,
     /// Which half of all lines they belong to.
     half: usize,
+    /// The senders, where only lines of few are wanted.
+    few: Option<Few<'a>>,
 }
 
 /// Which lines of a PSF there are to pass along.
@@ -309,6 +350,23 @@ const PARTS: i64 = (SPLIT * SPLIT) as i64;
 const BLOCK: usize = 256;
 
 impl Line<'_> {
+    /// Rasterises only the lines that meet surfaces of which one may send and one lacks lines.
+    fn rasterise_through(&self, lacking: Option<&[bool]>, scratch: &mut Scratch) {
+        let Shared { scene, outlines, .. } = *self.shared;
+        let is_mirror = |s: SurfaceId| scene.material_of(s).reflectance.is_mirror();
+        let sends = |few: &Few, surface, point| {
+            let sends = |sense| self.may_send(few, (surface, point, FAR), sense);
+            !is_mirror(surface) || [Sense::Along, Sense::Against].into_iter().any(sends)
+        };
+        let few = self.few;
+        let through = Through {
+            senders: few.map(|few| few.senders),
+            sends: |surface, point| few.is_none_or(|few| sends(&few, surface, point)),
+            receivers: lacking,
+        };
+        scratch.layers.rasterise_through(outlines, self.psf, &through);
+    }
+
     /// Passes light along lines, each for so many shares.
     fn pass<const SHARES: i64>(
         &self,
@@ -454,6 +512,11 @@ impl Line<'_> {
         }
     }
 
+    /// Whether what travels along a line depends on single texture values alone.
+    fn is_linked(&self) -> bool {
+        !self.clips() && (self.cycle.paths.is_some() || !self.shared.has_mirrors())
+    }
+
     fn clips(&self) -> bool {
         self.shared.parameters.transfer == Transfer::Clip
     }
@@ -484,7 +547,7 @@ impl Line<'_> {
     /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
     /// from finding the pairs, so that the processor can wait for many texels at once.
     fn transfer<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
-        let Scratch { pairs, cells, sums, flow, tally, clip, projections, watch, .. } = scratch;
+        let Scratch { pairs, cells, sums, flow, tally, clip, projections, links, watch, .. } = scratch;
         watch.lap(Stage::Exchange);
         watch.profile.pairs += pairs.len() as u64;
         let sums = &mut sums[self.half];
@@ -499,211 +562,33 @@ impl Line<'_> {
             let shot = transfer::exchange::<SHARES, COUNTS>(pairs, current, sums);
             transfer::add_to(&mut flow.shot, &shot);
         }
+        if let Some(links) = links {
+            links.pairs.extend_from_slice(pairs);
+        }
         pairs.clear();
         cells.clear();
-        // More leaves the scene over a cycle than one fixed number holds.
-        let left = std::mem::take(&mut sums[self.cycle.outside()]);
-        tally.left += i128::from(channels(&left));
+        self.leave(sums, tally);
         watch.lap(Stage::Transfer);
     }
 
-    /// The pairs of a line of which at least one is a mirror.
-    fn exchange_with_mirrors<const SHARES: i64, const COUNTS: i64>(
-        &self,
-        cell: Cell,
-        scratch: &mut Scratch,
-    ) {
-        let (count, marks) = (scratch.line.len(), self.cycle.marks);
-        let is_mirror = |f: Fragment| f.texel() >= self.shared.texels.diffuse;
-        for gap in 0..=count {
-            let near = gap.checked_sub(1).map(|k| (k, scratch.line[k]));
-            let far = (gap < count).then(|| (gap, scratch.line[gap]));
-            let open = match (near, far) {
-                (Some((_, near)), Some((_, far))) => {
-                    (is_mirror(near) || is_mirror(far)) && is_open(near, far, marks)
-                }
-                (Some((_, near)), None) => is_mirror(near) && !marks.is_sealed(near.value_along()),
-                (None, Some((_, far))) => is_mirror(far) && !marks.is_sealed(far.value_against()),
-                (None, None) => false,
-            };
-            if !open {
-                continue;
-            }
-            let gap = match (near, far) {
-                (Some((_, near)), Some((_, far))) => far.depth() - near.depth(),
-                _ => FAR,
-            };
-            let along = self.sent::<SHARES, COUNTS>((cell, gap), near, Sense::Along, scratch);
-            let against = self.sent::<SHARES, COUNTS>((cell, gap), far, Sense::Against, scratch);
-            // What goes along arrives at the far one's side that faces against the direction.
-            self.received::<SHARES, COUNTS>(far, &along, Sense::Against, scratch);
-            self.received::<SHARES, COUNTS>(near, &against, Sense::Along, scratch);
+    /// Takes what has left the scene into the tally: over a cycle it is more than one fixed number holds.
+    fn leave(&self, sums: &mut [Fixed], tally: &mut Tally) {
+        let left = std::mem::take(&mut sums[self.cycle.outside()]);
+        tally.left += i128::from(channels(&left));
+    }
+
+    /// Passes light along all lines of a PSF whose links are known.
+    fn again<const SHARES: i64>(&self, links: &Links, scratch: &mut Scratch) {
+        let current = self.cycle.current;
+        scratch.watch.profile.pairs += links.pairs.len() as u64;
+        scratch.watch.profile.touches += 4 * links.pairs.len() as u64;
+        for pairs in links.pairs.chunks(BLOCK * BLOCK) {
+            let Scratch { sums, flow, tally, .. } = scratch;
+            let sums = &mut sums[self.half];
+            transfer::add_to(&mut flow.shot, &transfer::exchange::<SHARES, 1>(pairs, current, sums));
+            self.leave(sums, tally);
         }
-    }
-
-    /// What a fragment sends over a gap, or what comes from outside the scene.
-    fn sent<const SHARES: i64, const COUNTS: i64>(
-        &self,
-        (cell, gap): (Cell, f32),
-        sender: Option<(usize, Fragment)>,
-        sense: Sense,
-        scratch: &mut Scratch,
-    ) -> Fixed {
-        let Some((_, fragment)) = sender else { return FROM_OUTSIDE };
-        if fragment.texel() < self.shared.texels.diffuse {
-            let (value, current) = (fragment.value(sense), self.cycle.current);
-            let line = if self.clips() {
-                let ground = self.ground(&scratch.projections);
-                clip::mean(scratch.clip.taps(cell, value as u32, &ground), current)
-            } else {
-                current[value]
-            };
-            add::<SHARES, COUNTS>(&mut scratch.flow.shot, &line);
-            return line;
-        }
-        let line = match &self.cycle.paths {
-            Some(paths) => self.traced(paths, (cell, gap), fragment, sense, scratch),
-            None => self.mirror(cell, fragment, sense, scratch),
-        };
-        add::<SHARES, COUNTS>(&mut scratch.flow.shot_mirror, &line);
-        line
-    }
-
-    /// Takes what arrives at a fragment, or leaves the scene.
-    fn received<const SHARES: i64, const COUNTS: i64>(
-        &self,
-        receiver: Option<(usize, Fragment)>,
-        line: &Fixed,
-        sense: Sense,
-        scratch: &mut Scratch,
-    ) {
-        match receiver {
-            None => add::<SHARES, COUNTS>(&mut scratch.sums[self.half][self.cycle.outside()], line),
-            Some((_, f)) if f.texel() < self.shared.texels.diffuse && self.clips() => {
-                // The other end is a mirror: these are still the taps of this one.
-                let taps = scratch.clip.last_taps();
-                clip::share_out::<SHARES, COUNTS>(line, taps, &mut scratch.sums[self.half]);
-            }
-            Some((_, f)) if f.texel() < self.shared.texels.diffuse => {
-                add::<SHARES, COUNTS>(&mut scratch.sums[self.half][f.value(sense)], line);
-            }
-            Some((k, f)) => {
-                self.arrive::<SHARES, COUNTS>(f, line, &mut scratch.flow);
-                scratch.arrived[k][sense.slot()] = self.shared.quantum.radiance(*line);
-            }
-        }
-    }
-
-    /// What a mirror sends from its fragment in a cell, found at the end of its path.
-    fn traced(
-        &self,
-        paths: &Paths,
-        (cell, gap): (Cell, f32),
-        fragment: Fragment,
-        sense: Sense,
-        scratch: &mut Scratch,
-    ) -> Fixed {
-        let surface = SurfaceId(self.shared.texels.surface_of[fragment.texel() as usize]);
-        let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
-        let place = (surface, self.psf.unproject(x, y, fragment.depth()), gap);
-        if self.cycle.few.is_some_and(|few| !self.may_send(&few, place, sense)) {
-            return FROM_OUTSIDE;
-        }
-        scratch.tally.gathers += 1;
-        scratch.watch.profile.paths += 1;
-        self.shared.quantum.fixed(self.shown(paths, place, sense))
-    }
-
-    /// A mirror's point, as it is met by who looks at it from a distance against the way that it sends.
-    fn met(&self, (surface, point, distance): (SurfaceId, Vec3, f32), sense: Sense) -> (Vec3, Hit) {
-        let outgoing = self.psf.direction * sense.sign();
-        let side = Side::facing(self.shared.scene.surface(surface).normal.dot(outgoing));
-        (-outgoing, Hit { surface, point, distance, side })
-    }
-
-    /// What a mirror sends from a point over a distance.
-    fn shown(&self, paths: &Paths, place: (SurfaceId, Vec3, f32), sense: Sense) -> Rgb {
-        let Shared { scene, texels, quantum, .. } = *self.shared;
-        let (dir, hit) = self.met(place, sense);
-        paths.radiance(dir, &hit, self.cycle.number == 0, |end| {
-            let texel = texels.at(end.surface, scene.surface(end.surface), end.point);
-            let home = self.shared.outlines.homes.of(scene, texels, texel, end.point) as usize;
-            quantum.radiance(self.cycle.current[2 * home + end.side.index()])
-        })
-    }
-
-    /// Whether one of few senders may send from a point.
-    fn may_send(&self, few: &Few, place: (SurfaceId, Vec3, f32), sense: Sense) -> bool {
-        let Some(paths) = &few.paths else { return true };
-        let (dir, hit) = self.met(place, sense);
-        let texel = self.shared.texels.lattices[place.0.index()].first as usize;
-        if self.cycle.marks.is_sealed(2 * texel + hit.side.index()) {
-            return false;
-        }
-        let emits = |s: SurfaceId| !self.shared.scene.material_of(s).emitted.is_black();
-        paths.may_send(dir, &hit, |hit| hit.side == Side::Front && emits(hit.surface))
-    }
-
-    /// What a mirror sends from its fragment in a cell, from what has arrived at it.
-    fn mirror(&self, cell: Cell, fragment: Fragment, sense: Sense, scratch: &mut Scratch) -> Fixed {
-        let texels = self.shared.texels;
-        let slot = 2 * (fragment.texel() - texels.diffuse) as usize + sense.slot();
-        if scratch.senders[slot].is_none() {
-            let Shared { scene, directions, .. } = *self.shared;
-            let surface = SurfaceId(texels.surface_of[fragment.texel() as usize]);
-            let what = (surface, self.psf.direction * sense.sign(), self.cycle.number == 0);
-            let pages = self.cycle.pages;
-            match MirrorSender::new(scene, directions, pages, what, self.psf.resolution) {
-                Ok(sender) => scratch.senders[slot] = Some(sender),
-                Err(error) => {
-                    scratch.failure.get_or_insert(error);
-                    return FROM_OUTSIDE;
-                }
-            }
-            scratch.used_senders.push(slot);
-        }
-        let Some(sender) = &scratch.senders[slot] else { return FROM_OUTSIDE };
-        scratch.tally.gathers += 1;
-        let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
-        let radiance = sender.radiance(self.psf.unproject(x, y, fragment.depth()));
-        scratch.tally.holes += u64::from(radiance.is_none());
-        self.shared.quantum.fixed(radiance.unwrap_or_default())
-    }
-
-    /// Accounts for light that arrives at a mirror.
-    fn arrive<const SHARES: i64, const COUNTS: i64>(
-        &self,
-        fragment: Fragment,
-        line: &Fixed,
-        flow: &mut Flow,
-    ) {
-        let surface = SurfaceId(self.shared.texels.surface_of[fragment.texel() as usize]);
-        let rho = self.shared.scene.material_of(surface).reflectance.factor().0;
-        let reflected = |c: usize| (line[c] as f64 * f64::from(rho[c])) as i64;
-        add::<SHARES, COUNTS>(&mut flow.to_mirror, line);
-        add::<SHARES, COUNTS>(&mut flow.mirrored, &[reflected(0), reflected(1), reflected(2), 0]);
-    }
-
-    /// Accounts for the unshot radiance as it was stored.
-    fn tally_stored<const SHARES: i64, const COUNTS: i64>(
-        &self,
-        unshot: &[u8],
-        scratch: &mut Scratch,
-    ) {
-        let Parameters { resolution, tile, .. } = *self.shared.parameters;
-        let surfaces = self.shared.scene.surfaces.len() as u32;
-        let check = crate::format::tiles::Layout::check;
-        let Ok(layout) = check(unshot, resolution, tile, surfaces, self.shared.exponent) else {
-            return;
-        };
-        let map = crate::format::tiles::TileMap::new(unshot, &layout);
-        map.for_each(|surface, _, both| {
-            let rho = self.shared.scene.material_of(surface).reflectance.factor();
-            for radiance in both {
-                let line = self.shared.quantum.fixed(radiance * rho);
-                scratch.tally.stored += i128::from(channels(&line) * SHARES);
-            }
-        });
+        self.mirrored_again::<SHARES>(links, scratch);
     }
 }
 
@@ -712,16 +597,4 @@ fn is_open(near: Fragment, far: Fragment, marks: &Marks) -> bool {
     !marks.is_sealed(near.value_along())
         && !marks.is_sealed(far.value_against())
         && exchange::see_each_other(near, far)
-}
-
-/// Keeps what arrived at the mirrors of a cell for the tile's map.
-fn keep_mirrors(texels: &Texels, scratch: &mut Scratch, cell: Cell, inside: u32) {
-    let fragments = scratch.layers.cell(cell.i, cell.j);
-    for (k, fragment) in fragments.iter().enumerate() {
-        if fragment.texel() >= texels.diffuse {
-            let radiance = &scratch.arrived[k];
-            let surface = SurfaceId(texels.surface_of[fragment.texel() as usize]);
-            scratch.tile.push(CoveredCell { surface, cell: inside, radiance: *radiance });
-        }
-    }
 }
