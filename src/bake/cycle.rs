@@ -20,7 +20,7 @@ use super::links::Kept;
 use super::marks::Marks;
 use super::memory::Need;
 use super::profile::{Profile, Stage};
-use super::reach::{self, SWEEPS};
+use super::reach;
 use super::step::{Again, Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
 use super::transfer::{Fixed, Quantum};
@@ -157,7 +157,7 @@ impl<'a> Bake<'a> {
         let looks = AtomicUsize::new(0);
         let looked = || {
             let looks = looks.fetch_add(1, Ordering::Relaxed) + 1;
-            self.report(true, (looks / SWEEPS) as u32);
+            self.report(true, looks as u32);
             !self.options.stop.load(Ordering::Relaxed)
         };
         self.pool.install(|| reach::marks(&self.shared(), &lines, looked))

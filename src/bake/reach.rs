@@ -8,7 +8,7 @@
 //! Values (a texel's side) that exchange light are joined into sets by union and find, in one sweep
 //! over the lines; cut texels, which see two spaces, join nothing. A set is sealed when no emitter lights it
 //! and backs are at one end at least of each of its pairs, as inside solids. A cut texel is sealed when
-//! a second sweep finds it to see sealed ones only.
+//! it sees sealed sets only.
 
 use super::exchange;
 use super::layers::Layers;
@@ -16,29 +16,20 @@ use super::marks::Marks;
 use super::step::Shared;
 use crate::ids::{DirectionId, SurfaceId};
 use crate::psf::Psf;
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Sweeps over all lines that [`sealed`] makes.
-pub const SWEEPS: usize = 2;
-
-/// The texture values that no light can come to, as far as some lines tell. Works on all threads of the
-/// pool that it is called in. `looked` is called after each look along a line, [`SWEEPS`] times a line;
-/// where it says no, the rest is left out.
+/// Marks the texture values that no light can come to, as far as some lines tell. Works on all threads of
+/// the pool that it is called in. `looked` is called after each look along a line; where it says no, the
+/// rest is left out.
 pub fn marks(shared: &Shared, lines: &[DirectionId], looked: impl Fn() -> bool + Sync) -> Marks {
     let values = 2 * shared.texels.len();
     let cut = &shared.texels.met();
-    let (mut reach, mut views) = (Reach::new(values), CutViews::new(values));
     let look = |reach: &mut Reach, id, layers: &mut _| reach.sweep(shared, cut, id, layers);
     let found = sweep(lines, &looked, || Reach::new(values), look);
-    found.iter().for_each(|one| reach.merge(one));
-    let mut marks = reach.marks(shared, cut);
-    let look = |views: &mut CutViews, id, layers: &mut _| {
-        views.sweep(shared, (cut, &marks), id, layers);
-    };
-    let found = sweep(lines, &looked, || CutViews::new(values), look);
-    found.iter().for_each(|one| views.merge(one));
-    views.seal(&mut marks);
-    marks
+    let mut reach = Reach::new(values);
+    found.into_iter().for_each(|one| reach.merge(one));
+    reach.marks(shared, cut)
 }
 
 /// Lets every thread of the pool look along lines until none is left. Returns what each of them found.
@@ -61,6 +52,9 @@ fn sweep<T: Send>(
     })
 }
 
+/// Sets that a cut value may see before it is asked which of them are one.
+const LEAST_ROOM: usize = 4;
+
 /// Sets of values that exchange light.
 #[derive(Clone, Debug)]
 struct Reach {
@@ -69,6 +63,16 @@ struct Reach {
     open: Vec<bool>,
     /// What each sees of the other kind: backs of fronts, fronts of backs.
     seen: Vec<Seen>,
+    /// For each cut value that sees any, one value at least of each set that it sees.
+    views: HashMap<u32, View>,
+}
+
+/// Sets that a cut value sees, by a member of each. Sets are joined while more are found: where there are
+/// as many as `room`, those that are one by now are told once.
+#[derive(Clone, Debug, Default)]
+struct View {
+    members: Vec<u32>,
+    room: usize,
 }
 
 /// What a value sees of the other kind. A closed solid's inside sees no front; but where facets meet in
@@ -120,55 +124,6 @@ fn pairs(
     }
 }
 
-/// What the cut values see: a second sweep, since most of them lie along one space only.
-#[derive(Clone, Debug)]
-struct CutViews {
-    sees_sealed: Vec<bool>,
-    sees_open: Vec<bool>,
-}
-
-impl CutViews {
-    /// Nothing seen yet.
-    fn new(values: usize) -> CutViews {
-        CutViews { sees_sealed: vec![false; values], sees_open: vec![false; values] }
-    }
-
-    /// Notes what cut values see of others along the lines of a direction.
-    fn sweep(
-        &mut self,
-        shared: &Shared,
-        (cut, marks): (&[bool], &Marks),
-        id: DirectionId,
-        layers: &mut Layers,
-    ) {
-        pairs(shared, id, layers, |a, b| {
-            for (viewer, seen) in [(a, b), (b, a)] {
-                if cut[viewer / 2] && !cut[seen / 2] {
-                    let is_sealed = marks.is_sealed(seen);
-                    self.sees_sealed[viewer] |= is_sealed;
-                    self.sees_open[viewer] |= !is_sealed;
-                }
-            }
-        });
-    }
-
-    /// Adds what another sweep saw.
-    fn merge(&mut self, other: &CutViews) {
-        let or = |a: &mut [bool], b: &[bool]| a.iter_mut().zip(b).for_each(|(a, b)| *a |= b);
-        or(&mut self.sees_sealed, &other.sees_sealed);
-        or(&mut self.sees_open, &other.sees_open);
-    }
-
-    /// Seals the cut values that see sealed ones only.
-    fn seal(&self, marks: &mut Marks) {
-        for value in 0..self.sees_sealed.len() {
-            if self.sees_sealed[value] && !self.sees_open[value] {
-                marks.seal(value);
-            }
-        }
-    }
-}
-
 impl Reach {
     /// Every value by itself.
     fn new(values: usize) -> Reach {
@@ -176,6 +131,7 @@ impl Reach {
             parent: (0..values as u32).collect(),
             open: vec![false; values],
             seen: vec![Seen::NOTHING; values],
+            views: HashMap::new(),
         }
     }
 
@@ -193,20 +149,44 @@ impl Reach {
         self.parent[a.max(b) as usize] = a.min(b);
     }
 
+    /// Notes that a cut value sees the set of another.
+    fn view(&mut self, viewer: u32, seen: u32) {
+        let seen = self.root(seen);
+        let view = self.views.entry(viewer).or_default();
+        if view.members.contains(&seen) {
+            return;
+        }
+        view.members.push(seen);
+        if view.members.len() > view.room {
+            let mut view = std::mem::take(view);
+            view.members.iter_mut().for_each(|member| *member = self.root(*member));
+            view.members.sort_unstable();
+            view.members.dedup();
+            view.room = (2 * view.members.len()).max(LEAST_ROOM);
+            self.views.insert(viewer, view);
+        }
+    }
+
     /// Joins what another sweep joined.
-    fn merge(&mut self, other: &Reach) {
+    fn merge(&mut self, other: Reach) {
         for (value, parent) in other.parent.iter().enumerate() {
             self.join(value as u32, *parent);
             self.open[value] |= other.open[value];
             self.seen[value].add(other.seen[value]);
+        }
+        for (viewer, view) in other.views {
+            view.members.into_iter().for_each(|member| self.view(viewer, member));
         }
     }
 
     /// Joins the values that look at each other along the lines of a direction.
     fn sweep(&mut self, shared: &Shared, cut: &[bool], id: DirectionId, layers: &mut Layers) {
         pairs(shared, id, layers, |a, b| {
-            if cut[a / 2] || cut[b / 2] {
-                return;
+            match (cut[a / 2], cut[b / 2]) {
+                (false, false) => {}
+                (true, true) => return,
+                (true, false) => return self.view(a as u32, b as u32),
+                (false, true) => return self.view(b as u32, a as u32),
             }
             // Even values are fronts.
             let is_front = |value: usize| value.is_multiple_of(2);
@@ -262,6 +242,10 @@ impl Reach {
                 marks.seal(value);
             }
         }
+        let is_sealed = |member: &u32| marks.is_sealed(*member as usize);
+        let shut = self.views.iter().filter(|(_, view)| view.members.iter().all(is_sealed));
+        let shut: Vec<u32> = shut.map(|(viewer, _)| *viewer).collect();
+        shut.into_iter().for_each(|viewer| marks.seal(viewer as usize));
         marks
     }
 }
