@@ -215,9 +215,8 @@ mod tests {
         // at 256. Little room is what the order is for. Each map is wanted by some directions only, so
         // the reads themselves are bounded too: either could be had at the other's cost.
         for (room, most) in [(32, 8000), (64, 7000), (128, 6000)] {
-            let reads = |order: &[DirectionId]| {
-                reads(order, room, |id| gathered_from(&shared, &marks, id))
-            };
+            let reads =
+                |order: &[DirectionId]| reads(order, room, |id| gathered_from(&shared, &marks, id));
             let (curve, rows) = (reads(&directions.curve()), reads(&by_id));
             assert!(
                 curve < most && 6 * curve < 5 * rows,

@@ -313,9 +313,8 @@ pub fn shoot(
 impl Again<'_> {
     /// Whether the next cycle has a PSF, and there is room for its links.
     fn is_wanted(&self, directions: &Directions, id: DirectionId, number: u32) -> bool {
-        let has = |next: Grids| {
-            number < next.perturbations && directions.is_in_coarser(id, next.thinned)
-        };
+        let has =
+            |next: Grids| number < next.perturbations && directions.is_in_coarser(id, next.thinned);
         self.next.is_some_and(has) && self.links.has_room()
     }
 }
@@ -547,7 +546,8 @@ impl Line<'_> {
     /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
     /// from finding the pairs, so that the processor can wait for many texels at once.
     fn transfer<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
-        let Scratch { pairs, cells, sums, flow, tally, clip, projections, links, watch, .. } = scratch;
+        let Scratch { pairs, cells, sums, flow, tally, clip, projections, links, watch, .. } =
+            scratch;
         watch.lap(Stage::Exchange);
         watch.profile.pairs += pairs.len() as u64;
         let sums = &mut sums[self.half];
@@ -585,7 +585,10 @@ impl Line<'_> {
         for pairs in links.pairs.chunks(BLOCK * BLOCK) {
             let Scratch { sums, flow, tally, .. } = scratch;
             let sums = &mut sums[self.half];
-            transfer::add_to(&mut flow.shot, &transfer::exchange::<SHARES, 1>(pairs, current, sums));
+            transfer::add_to(
+                &mut flow.shot,
+                &transfer::exchange::<SHARES, 1>(pairs, current, sums),
+            );
             self.leave(sums, tally);
         }
         self.mirrored_again::<SHARES>(links, scratch);

@@ -8,23 +8,26 @@
 
 use super::exchange;
 use super::layers::{Fragment, Layers};
-use super::profile::{Stage, Watch};
 use super::marks::Marks;
+use super::profile::{Stage, Watch};
 use super::step::Shared;
 use crate::field::pages::Page;
 use crate::format::manifest::Parameters;
 use crate::format::tiles::{CoveredCell, TileMapWriter};
 use crate::ids::{Cell, DirectionId, Sense, Side, SurfaceId};
+use crate::level::level;
 use crate::paths::Paths;
 use crate::psf::Psf;
 use crate::radiance::Rgb;
-use crate::scene::texels;
+use crate::scene::texels::{self, Places};
 use crate::visible::Hit;
+use fearless_simd::{Simd, dispatch, f32x16, prelude::*};
 
 /// A worker's own memory, reused from direction to direction.
 #[derive(Default)]
 pub struct Scratch {
     layers: Layers,
+    found: Vec<Found>,
     tile: Vec<CoveredCell>,
     /// Fragments so far.
     pub fragments: u64,
@@ -63,52 +66,14 @@ pub fn total_map(
     scratch.watch.profile.fragments += scratch.layers.len() as u64;
     let mut writer = TileMapWriter::new(resolution, m, shared.exponent);
     let n = resolution / m;
-    let (contacts, surface_of) = (&shared.outlines.contacts, &shared.texels.surface_of);
+    let map = Map { shared, psf: &psf, total, lit, mirrors, marks };
     for tile in 0..n * n {
         scratch.tile.clear();
         for inside in 0..m * m {
             let cell = Cell { i: tile % n * m + inside % m, j: tile / n * m + inside / m };
-            let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
-            let fragments = scratch.layers.cell(cell.i, cell.j);
-            exchange::order_contacts(fragments, contacts, surface_of);
-            let hit = |fragment: Fragment, facing: Sense| {
-                let surface = SurfaceId(shared.texels.surface_of[fragment.texel() as usize]);
-                let front = fragment.faces_along() == (facing == Sense::Along);
-                let side = if front { Side::Front } else { Side::Back };
-                Hit { surface, point: psf.unproject(x, y, fragment.depth()), distance: 0.0, side }
-            };
-            let diffuse = |at: &Hit| {
-                if !lit[at.surface.index()][at.side.index()] {
-                    return Rgb::BLACK;
-                }
-                let surface = shared.scene.surface(at.surface);
-                texels::sample(shared.texels, total, at.surface, surface, at.side, at.point)
-            };
-            for (k, fragment) in fragments.iter().enumerate() {
-                let id = SurfaceId(shared.texels.surface_of[fragment.texel() as usize]);
-                let is_mirror = fragment.texel() >= shared.texels.diffuse;
-                if !is_mirror && is_hidden(fragments, k, psf.cell_edge(), lit[id.index()]) {
-                    continue;
-                }
-                let radiance = [Sense::Along, Sense::Against].map(|sense| match mirrors {
-                    _ if !is_mirror => diffuse(&hit(*fragment, sense)),
-                    Mirrors::None => Rgb::BLACK,
-                    Mirrors::Stored(page) => {
-                        let entry = page.map().entry(cell, id);
-                        entry.and_then(|e| e.radiance(cell, sense)).unwrap_or_default()
-                    }
-                    Mirrors::Traced(_) if marks.is_sealed(fragment.value(sense)) => Rgb::BLACK,
-                    Mirrors::Traced(paths) => {
-                        let seen = exchange::seen_from(fragments, k, sense);
-                        seen.map_or(Rgb::BLACK, |(next, distance)| {
-                            let at = Hit { distance, ..hit(next, sense.flip()) };
-                            paths.radiance(psf.direction * sense.sign(), &at, true, diffuse)
-                        })
-                    }
-                });
-                scratch.tile.push(CoveredCell { surface: id, cell: inside, radiance });
-            }
+            map.find(cell, inside, scratch);
         }
+        dispatch!(level(), simd => map.sample(simd, (tile % n * m, tile / n * m), scratch));
         writer.tile(&mut scratch.tile);
     }
     scratch.entries += writer.entry_count() as u64;
@@ -116,6 +81,129 @@ pub fn total_map(
     scratch.watch.profile.map_bytes += bytes.len() as u64;
     scratch.watch.lap(Stage::TotalMaps);
     bytes
+}
+
+/// A total map that is being made.
+struct Map<'a> {
+    shared: &'a Shared<'a>,
+    psf: &'a Psf,
+    total: &'a [Rgb],
+    lit: &'a [[bool; 2]],
+    mirrors: Mirrors<'a>,
+    marks: &'a Marks,
+}
+
+/// A diffuse fragment of a tile, until all that lie on its surface are looked up together.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Found {
+    surface: u32,
+    /// The cell's place in the tile.
+    inside: u32,
+    fragment: Fragment,
+}
+
+impl Map<'_> {
+    /// Finds what lies on the ray of a cell, and what arrives at the mirrors there.
+    fn find(&self, cell: Cell, inside: u32, scratch: &mut Scratch) {
+        let Shared { outlines, texels, .. } = *self.shared;
+        let Scratch { layers, found, tile, .. } = scratch;
+        let fragments = layers.cell(cell.i, cell.j);
+        exchange::order_contacts(fragments, &outlines.contacts, &texels.surface_of);
+        for (k, fragment) in fragments.iter().enumerate() {
+            let surface = texels.surface_of[fragment.texel() as usize];
+            if fragment.texel() >= texels.diffuse {
+                let radiance = [Sense::Along, Sense::Against]
+                    .map(|sense| self.arrived(cell, (fragments, k), sense));
+                tile.push(CoveredCell { surface: SurfaceId(surface), cell: inside, radiance });
+            } else if !is_hidden(fragments, k, self.psf.cell_edge(), self.lit[surface as usize]) {
+                found.push(Found { surface, inside, fragment: *fragment });
+            }
+        }
+    }
+
+    /// Looks up what the fragments found in a tile send, sixteen of a surface at a time. `corner` is the
+    /// column and row of the tile's first cell.
+    #[inline(always)]
+    fn sample<S: Simd>(&self, simd: S, corner: (u32, u32), scratch: &mut Scratch) {
+        let Shared { scene, texels, parameters, .. } = *self.shared;
+        let Scratch { found, tile, .. } = scratch;
+        found.sort_unstable();
+        for run in found.chunk_by(|a, b| a.surface == b.surface) {
+            let id = SurfaceId(run[0].surface);
+            for some in run.chunks(16) {
+                let mut points = [[0.0; 16]; 3];
+                for (lane, one) in some.iter().enumerate() {
+                    let (column, row) =
+                        (one.inside % parameters.tile, one.inside / parameters.tile);
+                    let (x, y) = ((corner.0 + column) as f32 + 0.5, (corner.1 + row) as f32 + 0.5);
+                    let point = self.psf.unproject(x, y, one.fragment.depth());
+                    for (axis, places) in points.iter_mut().enumerate() {
+                        places[lane] = point[axis];
+                    }
+                }
+                let [x, y, z] = points;
+                let points = [
+                    f32x16::simd_from(simd, x),
+                    f32x16::simd_from(simd, y),
+                    f32x16::simd_from(simd, z),
+                ];
+                let places = Places::new(simd, texels, (id, scene.surface(id)), points);
+                for (lane, one) in some.iter().enumerate() {
+                    let mut radiance = [Rgb::BLACK; 2];
+                    for sense in [Sense::Along, Sense::Against] {
+                        let side = side_of(one.fragment, sense);
+                        if self.lit[id.index()][side.index()] {
+                            radiance[sense.slot()] = places.sample(texels, self.total, side, lane);
+                        }
+                    }
+                    tile.push(CoveredCell { surface: id, cell: one.inside, radiance });
+                }
+            }
+        }
+        found.clear();
+    }
+
+    /// What arrives at a mirror, the k-th fragment of a cell, along or against the direction.
+    fn arrived(&self, cell: Cell, (fragments, k): (&[Fragment], usize), sense: Sense) -> Rgb {
+        let fragment = fragments[k];
+        let surface_of = |f: Fragment| SurfaceId(self.shared.texels.surface_of[f.texel() as usize]);
+        match self.mirrors {
+            Mirrors::None => Rgb::BLACK,
+            Mirrors::Stored(page) => {
+                let entry = page.map().entry(cell, surface_of(fragment));
+                entry.and_then(|e| e.radiance(cell, sense)).unwrap_or_default()
+            }
+            Mirrors::Traced(_) if self.marks.is_sealed(fragment.value(sense)) => Rgb::BLACK,
+            Mirrors::Traced(paths) => {
+                let Some((next, distance)) = exchange::seen_from(fragments, k, sense) else {
+                    return Rgb::BLACK;
+                };
+                let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
+                let point = self.psf.unproject(x, y, next.depth());
+                let side = side_of(next, sense.flip());
+                let seen = Hit { surface: surface_of(next), point, distance, side };
+                let away = self.psf.direction * sense.sign();
+                paths.radiance(away, &seen, true, |end| self.sent(end))
+            }
+        }
+    }
+
+    /// What a diffuse surface sends from a point.
+    fn sent(&self, at: &Hit) -> Rgb {
+        if !self.lit[at.surface.index()][at.side.index()] {
+            return Rgb::BLACK;
+        }
+        let surface = self.shared.scene.surface(at.surface);
+        texels::sample(self.shared.texels, self.total, at.surface, surface, at.side, at.point)
+    }
+}
+
+/// The side of a fragment's surface that faces along the direction, or against it.
+fn side_of(fragment: Fragment, facing: Sense) -> Side {
+    match fragment.faces_along() == (facing == Sense::Along) {
+        true => Side::Front,
+        false => Side::Back,
+    }
 }
 
 /// Whether another surface is nearer than `edge` to the k-th on a ray, before each `lit` side of it. No

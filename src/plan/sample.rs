@@ -4,8 +4,8 @@
 use super::rehearsal::{Generation, Rehearsal};
 use crate::bake::BakeError;
 use crate::bake::layers::Layers;
-use crate::bake::memory::Extent;
 use crate::bake::marks::Marks;
+use crate::bake::memory::Extent;
 use crate::bake::reach;
 use crate::bake::step::Shared;
 use crate::bake::totals::{self, Mirrors};

@@ -253,7 +253,8 @@ impl Line<'_> {
     ) {
         let Parameters { resolution, tile, .. } = *self.shared.parameters;
         let surfaces = self.shared.scene.surfaces.len() as u32;
-        let Ok(layout) = Layout::check(unshot, resolution, tile, surfaces, self.shared.exponent) else {
+        let Ok(layout) = Layout::check(unshot, resolution, tile, surfaces, self.shared.exponent)
+        else {
             return;
         };
         let map = TileMap::new(unshot, &layout);

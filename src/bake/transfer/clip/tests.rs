@@ -182,14 +182,7 @@ impl Facing {
             pairs.push([value(0), far]);
         }
         let surface_of = (0..2 * texels).map(|t| t / texels).collect();
-        Facing {
-            projections,
-            surface_of,
-            marks: Marks::none(values / 2),
-            current,
-            cells,
-            pairs,
-        }
+        Facing { projections, surface_of, marks: Marks::none(values / 2), current, cells, pairs }
     }
 
     fn exchange(&self, level: Level) -> (Fixed, Vec<Fixed>) {
