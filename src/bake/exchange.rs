@@ -13,6 +13,7 @@ use crate::scene::contacts::Contacts;
 
 /// Whether light passes between two neighbours on a ray. Lines that meet only in a contact say nothing
 /// of the texel's radiance.
+#[inline]
 pub fn see_each_other(near: Fragment, far: Fragment) -> bool {
     far.depth() - near.depth() > CONTACT
 }
@@ -30,7 +31,14 @@ pub fn seen_from(fragments: &[Fragment], k: usize, sense: Sense) -> Option<(Frag
 /// Puts touching fragments into an order that is the same from both ends of the ray and from every
 /// direction. Fragments in the order of depth; only those that touch change places. `surface_of`
 /// names the surface of each texel.
+#[inline]
 pub fn order_contacts(fragments: &mut [Fragment], contacts: &Contacts, surface_of: &[u32]) {
+    if fragments.windows(2).any(|pair| !see_each_other(pair[0], pair[1])) {
+        order_groups(fragments, contacts, surface_of);
+    }
+}
+
+fn order_groups(fragments: &mut [Fragment], contacts: &Contacts, surface_of: &[u32]) {
     let mut from = 0;
     while from < fragments.len() {
         let to = group_end(fragments, from);

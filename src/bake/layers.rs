@@ -37,11 +37,13 @@ impl Fragment {
     }
 
     /// Depth along the PSF's direction, in the fitted scene's units.
+    #[inline]
     pub fn depth(self) -> f32 {
         f32::from_bits((self.0 >> 32) as u32) - 2.0
     }
 
     /// The texel it lies in; of a mirror, the mirror's own number.
+    #[inline]
     pub fn texel(self) -> u32 {
         self.0 as u32 >> 1
     }
@@ -52,11 +54,13 @@ impl Fragment {
     }
 
     /// Whether the surface's normal points along the direction.
+    #[inline]
     pub fn faces_along(self) -> bool {
         self.0 & 1 == 1
     }
 
     /// The texture value of the side that faces one way.
+    #[inline]
     pub fn value(self, facing: Sense) -> usize {
         match facing {
             Sense::Along => self.value_along(),
@@ -65,11 +69,13 @@ impl Fragment {
     }
 
     /// The texture value of the side that faces along the direction: `2 texel + side`.
+    #[inline]
     pub fn value_along(self) -> usize {
         (2 * self.texel() + u32::from(!self.faces_along())) as usize
     }
 
     /// The texture value of the side that faces against the direction.
+    #[inline]
     pub fn value_against(self) -> usize {
         (2 * self.texel() + u32::from(self.faces_along())) as usize
     }
@@ -632,6 +638,7 @@ impl Layers {
     }
 
     /// The fragments of the window's k-th cell, or, without a window, of the k-th cell of the grid.
+    #[inline]
     pub fn slot(&mut self, k: usize) -> &mut [Fragment] {
         &mut self.fragments[self.first[k] as usize..self.first[k + 1] as usize]
     }
@@ -642,6 +649,7 @@ impl Layers {
     }
 
     /// The fragments of the cell in column `i`, row `j`, nearest along the direction first.
+    #[inline]
     pub fn cell(&mut self, i: u32, j: u32) -> &mut [Fragment] {
         self.slot((j * self.resolution + i) as usize)
     }

@@ -16,7 +16,6 @@ use super::marks::Marks;
 use super::step::Shared;
 use crate::ids::{DirectionId, SurfaceId};
 use crate::psf::Psf;
-use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Marks the texture values that no light can come to, as far as some lines tell. Works on all threads of
@@ -55,6 +54,9 @@ fn sweep<T: Send>(
 /// Sets that a cut value may see before it is asked which of them are one.
 const LEAST_ROOM: usize = 4;
 
+/// The place of the view of a value that is not cut, or sees nothing.
+const NO_VIEW: u32 = u32::MAX;
+
 /// Sets of values that exchange light.
 #[derive(Clone, Debug)]
 struct Reach {
@@ -64,13 +66,16 @@ struct Reach {
     /// What each sees of the other kind: backs of fronts, fronts of backs.
     seen: Vec<Seen>,
     /// For each cut value that sees any, one value at least of each set that it sees.
-    views: HashMap<u32, View>,
+    views: Vec<View>,
+    /// For each value its place in these, or [`NO_VIEW`].
+    view_of: Vec<u32>,
 }
 
 /// Sets that a cut value sees, by a member of each. Sets are joined while more are found: where there are
 /// as many as `room`, those that are one by now are told once.
 #[derive(Clone, Debug, Default)]
 struct View {
+    viewer: u32,
     members: Vec<u32>,
     room: usize,
 }
@@ -131,7 +136,8 @@ impl Reach {
             parent: (0..values as u32).collect(),
             open: vec![false; values],
             seen: vec![Seen::NOTHING; values],
-            views: HashMap::new(),
+            views: Vec::new(),
+            view_of: vec![NO_VIEW; values],
         }
     }
 
@@ -152,18 +158,23 @@ impl Reach {
     /// Notes that a cut value sees the set of another.
     fn view(&mut self, viewer: u32, seen: u32) {
         let seen = self.root(seen);
-        let view = self.views.entry(viewer).or_default();
+        if self.view_of[viewer as usize] == NO_VIEW {
+            self.view_of[viewer as usize] = self.views.len() as u32;
+            self.views.push(View { viewer, ..View::default() });
+        }
+        let place = self.view_of[viewer as usize] as usize;
+        let view = &mut self.views[place];
         if view.members.contains(&seen) {
             return;
         }
         view.members.push(seen);
         if view.members.len() > view.room {
-            let mut view = std::mem::take(view);
-            view.members.iter_mut().for_each(|member| *member = self.root(*member));
-            view.members.sort_unstable();
-            view.members.dedup();
-            view.room = (2 * view.members.len()).max(LEAST_ROOM);
-            self.views.insert(viewer, view);
+            let mut members = std::mem::take(&mut view.members);
+            members.iter_mut().for_each(|member| *member = self.root(*member));
+            members.sort_unstable();
+            members.dedup();
+            let room = (2 * members.len()).max(LEAST_ROOM);
+            self.views[place] = View { viewer, members, room };
         }
     }
 
@@ -174,8 +185,8 @@ impl Reach {
             self.open[value] |= other.open[value];
             self.seen[value].add(other.seen[value]);
         }
-        for (viewer, view) in other.views {
-            view.members.into_iter().for_each(|member| self.view(viewer, member));
+        for View { viewer, members, .. } in other.views {
+            members.into_iter().for_each(|member| self.view(viewer, member));
         }
     }
 
@@ -243,8 +254,8 @@ impl Reach {
             }
         }
         let is_sealed = |member: &u32| marks.is_sealed(*member as usize);
-        let shut = self.views.iter().filter(|(_, view)| view.members.iter().all(is_sealed));
-        let shut: Vec<u32> = shut.map(|(viewer, _)| *viewer).collect();
+        let shut = self.views.iter().filter(|view| view.members.iter().all(is_sealed));
+        let shut: Vec<u32> = shut.map(|view| view.viewer).collect();
         shut.into_iter().for_each(|viewer| marks.seal(viewer as usize));
         marks
     }

@@ -468,9 +468,7 @@ impl Line<'_> {
         let marks = self.cycle.marks;
         let fragments = scratch.layers.slot(slot);
         let Shared { outlines, texels, .. } = *self.shared;
-        if fragments.windows(2).any(|pair| !exchange::see_each_other(pair[0], pair[1])) {
-            exchange::order_contacts(fragments, &outlines.contacts, &texels.surface_of);
-        }
+        exchange::order_contacts(fragments, &outlines.contacts, &texels.surface_of);
         let marked = |fragments: &[Fragment]| {
             fragments.iter().fold(0, |all, fragment| all | marks.of(fragment.texel()))
         };

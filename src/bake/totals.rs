@@ -28,6 +28,8 @@ use fearless_simd::{Simd, dispatch, f32x16, prelude::*};
 pub struct Scratch {
     layers: Layers,
     found: Vec<Found>,
+    /// Their surfaces and places in that list.
+    order: Vec<u64>,
     tile: Vec<CoveredCell>,
     /// Fragments so far.
     pub fragments: u64,
@@ -94,19 +96,18 @@ struct Map<'a> {
 }
 
 /// A diffuse fragment of a tile, until all that lie on its surface are looked up together.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy)]
 struct Found {
-    surface: u32,
+    fragment: Fragment,
     /// The cell's place in the tile.
     inside: u32,
-    fragment: Fragment,
 }
 
 impl Map<'_> {
     /// Finds what lies on the ray of a cell, and what arrives at the mirrors there.
     fn find(&self, cell: Cell, inside: u32, scratch: &mut Scratch) {
         let Shared { outlines, texels, .. } = *self.shared;
-        let Scratch { layers, found, tile, .. } = scratch;
+        let Scratch { layers, found, order, tile, .. } = scratch;
         let fragments = layers.cell(cell.i, cell.j);
         exchange::order_contacts(fragments, &outlines.contacts, &texels.surface_of);
         for (k, fragment) in fragments.iter().enumerate() {
@@ -116,7 +117,8 @@ impl Map<'_> {
                     .map(|sense| self.arrived(cell, (fragments, k), sense));
                 tile.push(CoveredCell { surface: SurfaceId(surface), cell: inside, radiance });
             } else if !is_hidden(fragments, k, self.psf.cell_edge(), self.lit[surface as usize]) {
-                found.push(Found { surface, inside, fragment: *fragment });
+                order.push(u64::from(surface) << 32 | found.len() as u64);
+                found.push(Found { fragment: *fragment, inside });
             }
         }
     }
@@ -126,13 +128,14 @@ impl Map<'_> {
     #[inline(always)]
     fn sample<S: Simd>(&self, simd: S, corner: (u32, u32), scratch: &mut Scratch) {
         let Shared { scene, texels, parameters, .. } = *self.shared;
-        let Scratch { found, tile, .. } = scratch;
-        found.sort_unstable();
-        for run in found.chunk_by(|a, b| a.surface == b.surface) {
-            let id = SurfaceId(run[0].surface);
+        let Scratch { found, order, tile, .. } = scratch;
+        order.sort_unstable();
+        for run in order.chunk_by(|a, b| a >> 32 == b >> 32) {
+            let id = SurfaceId((run[0] >> 32) as u32);
             for some in run.chunks(16) {
+                let some = || some.iter().map(|key| &found[*key as u32 as usize]).enumerate();
                 let mut points = [[0.0; 16]; 3];
-                for (lane, one) in some.iter().enumerate() {
+                for (lane, one) in some() {
                     let (column, row) =
                         (one.inside % parameters.tile, one.inside / parameters.tile);
                     let (x, y) = ((corner.0 + column) as f32 + 0.5, (corner.1 + row) as f32 + 0.5);
@@ -148,7 +151,7 @@ impl Map<'_> {
                     f32x16::simd_from(simd, z),
                 ];
                 let places = Places::new(simd, texels, (id, scene.surface(id)), points);
-                for (lane, one) in some.iter().enumerate() {
+                for (lane, one) in some() {
                     let mut radiance = [Rgb::BLACK; 2];
                     for sense in [Sense::Along, Sense::Against] {
                         let side = side_of(one.fragment, sense);
@@ -161,6 +164,7 @@ impl Map<'_> {
             }
         }
         found.clear();
+        order.clear();
     }
 
     /// What arrives at a mirror, the k-th fragment of a cell, along or against the direction.

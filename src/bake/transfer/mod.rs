@@ -72,12 +72,12 @@ pub fn add<const SHARES: i64, const COUNTS: i64>(sum: &mut Fixed, line: &Fixed) 
     add_to(sum, &times::<SHARES, COUNTS>(line));
 }
 
-/// How many pairs' lines are read before the first is added: texels are far away in memory, and the processor
+/// How many pairs' texels are read before the first is added to: texels are far away in memory, and the processor
 /// waits for as many of them at once as it has work that needs none.
 const AHEAD: usize = 16;
 
-/// Exchanges light along pairs of texture values that look at each other, each of `current` in both: what one
-/// sends the other receives, in `sums`. Returns what was sent in all.
+/// Exchanges light along pairs of texture values that look at each other: what one shoots of `current` the
+/// other receives in `sums`. Returns what was shot in all.
 pub fn exchange<const SHARES: i64, const COUNTS: i64>(
     pairs: &[[u32; 2]],
     current: &[Fixed],
@@ -86,12 +86,14 @@ pub fn exchange<const SHARES: i64, const COUNTS: i64>(
     let mut shot = [0; 4];
     let mut sent = [[[0; 4]; 2]; AHEAD];
     for block in pairs.chunks(AHEAD) {
-        for (sent, [near, far]) in sent.iter_mut().zip(block) {
-            *sent = [near, far].map(|value| times::<SHARES, COUNTS>(&current[*value as usize]));
+        for (sent, ends) in sent.iter_mut().zip(block) {
+            let [near, far] = ends.map(|value| value as usize);
+            *sent = [&current[near], &current[far]].map(times::<SHARES, COUNTS>);
         }
-        for ([along, against], [near, far]) in sent.iter().zip(block) {
-            add_to(&mut sums[*far as usize], along);
-            add_to(&mut sums[*near as usize], against);
+        for ([along, against], ends) in sent.iter().zip(block) {
+            let [near, far] = ends.map(|value| value as usize);
+            add_to(&mut sums[far], along);
+            add_to(&mut sums[near], against);
             add_to(&mut shot, along);
             add_to(&mut shot, against);
         }
