@@ -7,12 +7,14 @@ mod common;
 use common::{Baked, Dice, How, bake_to, both_ways, parameters, scene};
 use std::fs;
 use std::path::Path;
-use vlf::bake::Outcome;
-use vlf::field::read_manifest;
+use std::sync::atomic::AtomicBool;
+use vlf::bake::{Options, Outcome};
 use vlf::field::storage::disk::Disk;
+use vlf::field::{Terms, read_manifest};
 use vlf::format::container::Codec;
 use vlf::format::manifest::Phase;
 use vlf::pack::pack;
+use vlf::plan::plan;
 use vlf::{Parameters, Scene, Specular, Transfer};
 
 /// Digest of the field and bytes of its pack.
@@ -52,6 +54,8 @@ fn changes_no_bit(way: &str, scene: &Scene, parameters: &Parameters) {
             "shuffled, 1 thread",
             How { order: Some(dice.shuffled(129)), threads: 1, ..How::default() },
         ),
+        // None is left to keep links of PSFs in.
+        ("the least memory", How { memory: least_memory(scene, parameters), ..How::default() }),
         ("little memory", How { memory: 48 << 20, ..How::default() }),
         ("much memory", How { memory: 8 << 30, ..How::default() }),
         ("commits all the time", How { commit_every: 0.0, ..How::default() }),
@@ -61,6 +65,21 @@ fn changes_no_bit(way: &str, scene: &Scene, parameters: &Parameters) {
         assert_eq!(plain.0, other.0, "{way}, {name}: another digest");
         assert!(plain.1 == other.1, "{way}, {name}: another pack");
     }
+}
+
+/// The smallest grant of memory with which a bake on two threads begins.
+fn least_memory(scene: &Scene, parameters: &Parameters) -> u64 {
+    let options = Options {
+        memory: 0,
+        threads: 2,
+        stop: &AtomicBool::new(false),
+        progress: &|_| (),
+        order: None,
+        commit_every: 1e9,
+        terms: Terms::default(),
+        force: false,
+    };
+    plan(scene, parameters, &options).unwrap().memory.smallest
 }
 
 /// Clipping shares light out in another way, and must be as free of order: with two threads and few

@@ -5,6 +5,7 @@ use super::disk::Files;
 use super::sample::Sample;
 use crate::bake::memory::{lasting_bytes, texture_bytes};
 use crate::bake::step::{Scratch, Shared};
+use crate::format::manifest::Transfer;
 use crate::ids::DirectionId;
 use crate::psf::Psf;
 use crate::scene::reflectances::Reflectances;
@@ -30,8 +31,34 @@ pub fn all_pages(files: &Files, threads: u64) -> u64 {
     files.maps.iter().map(of).fold(0.0, f64::max) as u64
 }
 
-/// Most bytes that the process will hold, with so many of pages.
-pub fn peak(shared: &Shared, sample: &Sample, threads: u64, pages: u64) -> u64 {
+/// How many PSFs' links are kept, if there is room: those that a cycle and the one after it have. Those of the first
+/// are taken to be its own lines only, as where few surfaces send.
+fn kept(shared: &Shared, cycles: u32) -> u64 {
+    let Shared { directions, parameters, .. } = *shared;
+    let is_kept = |id: DirectionId, number: u32| {
+        (1..cycles).any(|cycle| {
+            let (before, next) = (parameters.grids(cycle - 1), parameters.grids(cycle));
+            let whole = if cycle == 1 { 1 } else { before.perturbations };
+            let has = |thinned| directions.is_in_coarser(id, thinned);
+            number < whole.min(next.perturbations) && has(before.thinned) && has(next.thinned)
+        })
+    };
+    let most = parameters.grids(1).perturbations;
+    let of = |id| (0..most).filter(|number| is_kept(id, *number)).count() as u64;
+    directions.ids().map(of).sum()
+}
+
+/// Bytes of links that a bake of so many cycles keeps, where it has so many to spare.
+pub fn links(shared: &Shared, sample: &Sample, cycles: u32, spare: u64) -> u64 {
+    let is_linked = shared.parameters.transfer == Transfer::Sample
+        && !shared.parameters.supersample
+        && !shared.stores_mirrors();
+    let all = || kept(shared, cycles) as f64 * sample.links;
+    if is_linked { (all() as u64).min(spare) } else { 0 }
+}
+
+/// Most bytes that the process will hold, with so many of pages and links.
+pub fn peak(shared: &Shared, sample: &Sample, threads: u64, (pages, links): (u64, u64)) -> u64 {
     let texels = shared.texels.len() as u64;
     let values = 2 * texels;
     let cells = u64::from(shared.parameters.resolution).pow(2);
@@ -56,6 +83,7 @@ pub fn peak(shared: &Shared, sample: &Sample, threads: u64, pages: u64) -> u64 {
     let propagating = texture_bytes(values, threads, shared.parameters)
         + threads * (scratch + excerpts)
         + pages
+        + links
         + kept;
     let totals = 12 * values + threads * (layers + 2 * sample.largest);
     let averaging = Reflectances::passing_bytes(shared.scene);

@@ -9,6 +9,8 @@
 
 mod disk;
 
+mod links;
+
 mod memory;
 
 mod rehearsal;
@@ -163,7 +165,8 @@ pub fn plan(scene: &Scene, parameters: &Parameters, options: &Options) -> Result
     let held = all_pages.min(pages);
     let steps = rehearsal.steps(&shared, &sample, held);
     let disk = files.bytes(&steps, options.commit_every);
-    let peak = memory::peak(&shared, &sample, threads, held);
+    let links = memory::links(&shared, &sample, rehearsal.cycles(), need.spare(granted));
+    let peak = memory::peak(&shared, &sample, threads, (held, links));
     let useful = need.smallest().max(need.fixed[0] + all_pages);
     Ok(Plan {
         directions: parameters.directions,

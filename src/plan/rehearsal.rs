@@ -111,7 +111,7 @@ fn processor_seconds() -> Option<f64> {
 #[derive(Default)]
 struct Marks {
     begun: Moment,
-    /// When a direction was looked along, in either sweep.
+    /// When a direction was looked along, before the first cycle.
     sweeps: Vec<Moment>,
     /// Of each step, when directions were done.
     reports: BTreeMap<(bool, u32), Vec<Moment>>,
@@ -253,7 +253,8 @@ impl Rehearsal {
             Need::new(&shared, &Extent::probe(&shared), threads)
         };
         let part = f64::from(lines) / f64::from(shared.parameters.directions);
-        let memory = need.smallest().max(need.fixed[0] + (pages as f64 * part) as u64);
+        let held = need.links + (pages as f64 * part) as u64;
+        let memory = need.smallest().max(need.fixed[0].max(need.fixed[1]) + held);
 
         let since = Instant::now();
         let storage = Arc::new(Watched { inner: Memory::default(), since, seen: Mutex::default() });

@@ -1,6 +1,7 @@
 //! Total radiance maps of some of the lines, as the bake would make them, and how they differ from
 //! those of the rehearsal's lines.
 
+use super::links;
 use super::rehearsal::{Generation, Rehearsal};
 use crate::bake::BakeError;
 use crate::bake::layers::Layers;
@@ -38,6 +39,8 @@ pub struct Sample {
     pub file: f64,
     /// In a pack, without compression, with zstd, and as it is packed usually.
     pub packed: [f64; 3],
+    /// Mean bytes of a PSF's links.
+    pub links: f64,
     /// Most of any direction.
     pub most: Extent,
     /// Most bytes of a total map.
@@ -49,6 +52,7 @@ pub struct Sample {
 /// One direction.
 struct Look {
     extent: Extent,
+    links: u64,
     raw: u64,
     zstd: u64,
     usual: u64,
@@ -90,6 +94,7 @@ impl Sample {
         let texture = Texture { scene, texels, total: &calm };
         let look = |scratch: &mut (Layers, totals::Scratch), id: DirectionId| {
             let extent = extent(shared, id, &mut scratch.0);
+            let links = links::bytes(shared, &marks, &mut scratch.0);
             let total = (calm.as_slice(), lit.as_slice());
             let map = totals::total_map(shared, id, total, (mirrors, &marks), &mut scratch.1);
             let failed = FieldError::io("encode", Path::new("total map"));
@@ -99,7 +104,7 @@ impl Sample {
             let psf = Psf::new(shared.directions.vector(id), resolution);
             let tiles = TileMap::new(&map, &layout);
             let (usual, _) = usual_size(&tiles, (&psf, exponent), &texture, |_| true)?;
-            Ok(Look { extent, raw: map.len() as u64, zstd, usual })
+            Ok(Look { extent, links, raw: map.len() as u64, zstd, usual })
         };
         let looks = pool.install(|| {
             let looks = chosen.into_par_iter().map_init(Default::default, look);
@@ -158,6 +163,7 @@ impl Sample {
                 of_looks(&|l| aligned(zstd(l))),
                 of_looks(&|l| aligned(usual(l))),
             ],
+            links: of_looks(&|l| l.links as f64),
             most: looks.iter().fold(Extent::default(), |most, l| most.most(l.extent)),
             largest: looks.iter().map(raw).max().unwrap_or(0),
             generations,
