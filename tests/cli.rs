@@ -471,6 +471,8 @@ fn a_limit_that_is_passed_is_named_with_its_flag() {
     refused(&folder, &resumed, LIMIT, &["direction count 33", "(--limit-directions)"]);
     let short = bake("other.field", &["--limit-scene", "300"]);
     refused(&folder, &short, LIMIT, &["exceeds limit 300 (--limit-scene)"]);
+    let fine = bake("other.field", &["--limit-texels", "8"]);
+    refused(&folder, &fine, LIMIT, &["texel count", "exceeds limit 8 (--limit-texels)"]);
     assert!(!folder.path().join("other.field").exists());
 }
 

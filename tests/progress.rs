@@ -48,15 +48,15 @@ fn work_done_and_left_add_up_and_a_resumed_run_counts_its_own() {
     assert_forwards(&whole);
     assert_eq!(whole.last().unwrap().work_left, 0.0);
 
-    // Two sweeps of 33 directions, a cycle, and seven directions of the second.
+    // A sweep over 33 directions, a cycle, and seven directions of the second.
     let path = folder.path().join("stopped.field");
-    let first = reports(&path, 2 * 33 + 33 + 7);
+    let first = reports(&path, 33 + 33 + 7);
     let second = reports(&path, usize::MAX);
     assert_forwards(&second);
     let (left, again) = (first.last().unwrap().work_left, second[0]);
     assert!(again.preparing && again.work <= 2.0, "{again:?}");
-    // What was left, and the preparing that every run does.
-    let expected = left + 1.5 * 33.0;
+    // What was left, the preparing that every run does, and what the first one had kept of the directions left.
+    let expected = left + 0.75 * 33.0 + 0.8 * 26.0;
     let all = again.work + again.work_left;
     assert!((all - expected).abs() < 1e-6, "{all}, not {expected}");
     assert_eq!(second.last().unwrap().work_left, 0.0);

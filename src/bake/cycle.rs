@@ -76,6 +76,8 @@ pub struct Bake<'a> {
     done_before: u32,
     /// What PSFs exchanged in the cycles so far.
     kept: Kept,
+    /// The first cycle whose PSFs' links this run may have kept.
+    known_from: u32,
     /// Where the time of this run went, but for the walk under way.
     profile: Profile,
 }
@@ -142,10 +144,15 @@ impl<'a> Bake<'a> {
             work: 0.0,
             done_before: 0,
             kept: Kept::new(need.spare(options.memory)),
+            known_from: 0,
             profile: Profile::default(),
         };
         let sync = options.terms.sync.then_some(options.commit_every);
         bake.field.manifest_mut().statistics.sync = sync;
+        bake.known_from = match bake.shared().is_linked() && bake.kept.has_room() {
+            true => bake.field.manifest().cycle + 1,
+            false => u32::MAX,
+        };
         bake.marks = bake.reach();
         bake.end_step(progress::PREPARING);
         Ok(bake)

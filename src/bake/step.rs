@@ -56,6 +56,13 @@ impl Shared<'_> {
         (self.texels.diffuse as usize) < self.texels.len()
     }
 
+    /// Whether what travels along a line depends on single texture values alone, so that the links between these
+    /// may be kept.
+    pub fn is_linked(&self) -> bool {
+        let Parameters { transfer, supersample, .. } = *self.parameters;
+        transfer == Transfer::Sample && !supersample && !self.stores_mirrors()
+    }
+
     /// Whether the scene has mirrors whose maps are written while light is propagated.
     pub fn stores_mirrors(&self) -> bool {
         self.has_mirrors() && self.parameters.stores_mirrors()
@@ -243,7 +250,7 @@ pub fn shoot(
         let is_whole = few.is_none() && lacking.is_none();
         let stores = number == 0 && stores_mirrors;
         let splits = shared.parameters.supersample && is_whole && !stores;
-        let kept = cycle.kept.filter(|_| is_whole && line.is_linked() && !stores && !splits);
+        let kept = cycle.kept.filter(|_| is_whole && shared.is_linked());
         if let Some(links) = kept.and_then(|kept| kept.links.get(id, number)) {
             match double {
                 true => line.again::<2>(&links, scratch),
@@ -507,11 +514,6 @@ impl Line<'_> {
             scratch.line.extend_from_slice(fragments);
             self.exchange_with_mirrors::<SHARES, COUNTS>(cell, scratch);
         }
-    }
-
-    /// Whether what travels along a line depends on single texture values alone.
-    fn is_linked(&self) -> bool {
-        !self.clips() && (self.cycle.paths.is_some() || !self.shared.has_mirrors())
     }
 
     fn clips(&self) -> bool {

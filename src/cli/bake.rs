@@ -11,13 +11,14 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use vlf::bake::profile::Profile;
-use vlf::bake::{Options, Outcome, Progress, bake_in};
+use vlf::bake::{Options, Outcome, Progress, bake_in, checked};
 use vlf::exit;
 use vlf::field::Terms;
 use vlf::field::storage::disk::Disk;
 use vlf::format::limits::Limits;
 use vlf::format::manifest::Parameters;
 use vlf::scene::Report;
+use vlf::scene::texels::Texels;
 use vlf::{Scene, bake::quality::Quality};
 
 /// What a bake may use and how it is kept.
@@ -159,6 +160,10 @@ pub fn bake_with_bar(
             exit::Limit(format!("--memory {memory} exceeds the control group's {limit}")).into()
         );
     }
+    // What is made must be read again, from the first cycle's end on.
+    checked(scene, parameters)?;
+    let texels = Texels::count(scene, parameters.texel_edge());
+    how.limits.check_texels(texels).map_err(|fault| exit::Limit(fault.to_string()))?;
     let stop = Arc::new(AtomicBool::new(false));
     let signal = Arc::new(AtomicUsize::new(0));
     for (number, code) in [(SIGINT, 130), (SIGTERM, 143)] {

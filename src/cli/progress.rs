@@ -3,7 +3,7 @@
 
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 use vlf::bake::Progress;
 use vlf::format::manifest::Phase;
@@ -21,6 +21,8 @@ pub struct Bar {
     started: Instant,
     /// When the last quiet line was written.
     line: Mutex<Instant>,
+    /// Seconds and work of a bake when it first told of any: what it took until then says nothing of its speed.
+    first: OnceLock<(f64, f64)>,
 }
 
 impl Bar {
@@ -33,7 +35,7 @@ impl Bar {
         }
         bar.set_prefix(name);
         let line = Mutex::new(Instant::now());
-        Bar { bar, terminal, started: Instant::now(), line }
+        Bar { bar, terminal, started: Instant::now(), line, first: OnceLock::new() }
     }
 
     /// Shows a finished part in [0, 1].
@@ -57,8 +59,10 @@ impl Bar {
             _ => format!("total maps: {} of {} directions", p.done, p.directions),
         };
         let seconds = self.started.elapsed().as_secs_f64();
-        let left = if p.work > 0.0 && seconds > SURE {
-            let left = Duration::from_secs_f64(seconds / p.work * p.work_left);
+        let first = self.first.get_or_init(|| (seconds, p.work));
+        let (seconds, work) = (seconds - first.0, p.work - first.1);
+        let left = if work > 0.0 && seconds > SURE {
+            let left = Duration::from_secs_f64(seconds / work * p.work_left);
             format!(", about {} left", HumanDuration(left))
         } else {
             String::new()

@@ -5,7 +5,6 @@ use super::disk::Files;
 use super::sample::Sample;
 use crate::bake::memory::{lasting_bytes, texture_bytes};
 use crate::bake::step::{Scratch, Shared};
-use crate::format::manifest::Transfer;
 use crate::ids::DirectionId;
 use crate::psf::Psf;
 use crate::scene::reflectances::Reflectances;
@@ -50,11 +49,8 @@ fn kept(shared: &Shared, cycles: u32) -> u64 {
 
 /// Bytes of links that a bake of so many cycles keeps, where it has so many to spare.
 pub fn links(shared: &Shared, sample: &Sample, cycles: u32, spare: u64) -> u64 {
-    let is_linked = shared.parameters.transfer == Transfer::Sample
-        && !shared.parameters.supersample
-        && !shared.stores_mirrors();
     let all = || kept(shared, cycles) as f64 * sample.links;
-    if is_linked { (all() as u64).min(spare) } else { 0 }
+    if shared.is_linked() { (all() as u64).min(spare) } else { 0 }
 }
 
 /// Most bytes that the process will hold, with so many of pages and links.

@@ -69,16 +69,17 @@ impl Pieces {
                 flat.image = None;
             }
         }
-        let surfaces = merge(&self.points, &self.flats, &materials);
-        let scene = Scene { surfaces, materials, images, fit: self.fit };
         let mut seen = vec![false; self.points.len()];
         self.flats.iter().flat_map(|f| &f.corners).for_each(|c| seen[*c as usize] = true);
+        let polygons = self.flats.len();
+        let surfaces = merge(&self.points, self.flats, &materials);
+        let scene = Scene { surfaces, materials, images, fit: self.fit };
         let with = |test: &dyn Fn(&Material) -> bool| {
             scene.surface_ids().filter(|id| test(scene.material_of(*id))).count()
         };
         let counts = Counts {
             vertices: seen.iter().filter(|s| **s).count(),
-            polygons: self.flats.len(),
+            polygons,
             surfaces: scene.surfaces.len(),
             emitters: with(&|m| !m.emitted.is_black()),
             mirrors: with(&|m| m.reflectance.is_mirror()),

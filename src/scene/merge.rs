@@ -25,8 +25,12 @@ const MOST_FITS: usize = 16;
 const MOST_AT_AN_EDGE: usize = 16;
 
 /// Merges polygons into surfaces, in the order of each surface's first polygon.
-pub(super) fn merge(points: &[DVec3], flats: &[Flat], materials: &[Material]) -> Vec<Surface> {
-    let neighbours = Neighbours::new(flats);
+pub(super) fn merge(
+    points: &[DVec3],
+    mut flats: Vec<Flat>,
+    materials: &[Material],
+) -> Vec<Surface> {
+    let neighbours = Neighbours::new(&flats);
     let mut seeds: Vec<u32> = (0..flats.len() as u32).collect();
     // A large polygon's plane is the surest. Areas are finite.
     seeds.sort_by(|&a, &b| {
@@ -40,12 +44,12 @@ pub(super) fn merge(points: &[DVec3], flats: &[Flat], materials: &[Material]) ->
         if taken[seed as usize] {
             continue;
         }
-        let mut group = grow(points, flats, &neighbours, &mut taken, seed);
+        let mut group = grow(points, &flats, &neighbours, &mut taken, seed);
         group.sort_unstable();
         // One polygon cannot, nor can two triangles on the two sides of an edge.
         let corners: usize = group.iter().map(|p| flats[*p as usize].corners.len()).sum();
         let sure = group.len() == 1 || group.len() == 2 && corners == 6;
-        let pieces = if !sure && overlaps(points, flats, &group) { 1 } else { group.len() };
+        let pieces = if !sure && overlaps(points, &flats, &group) { 1 } else { group.len() };
         for piece in group.chunks(pieces) {
             let first = members.len() as u32;
             members.extend(piece);
@@ -55,7 +59,14 @@ pub(super) fn merge(points: &[DVec3], flats: &[Flat], materials: &[Material]) ->
     drop(neighbours);
     groups.sort_unstable_by_key(|(first, _)| *first);
     let group = |range: &Range<u32>| &members[range.start as usize..range.end as usize];
-    groups.iter().map(|(_, range)| surface(points, flats, materials, group(range))).collect()
+    // A polygon's corners are let go of as soon as its surface has them: of a large scene they are much.
+    let mut made = |(_, range): &(u32, Range<u32>)| {
+        let group = group(range);
+        let surface = surface(points, &flats, materials, group);
+        group.iter().for_each(|p| flats[*p as usize].corners = Vec::new());
+        surface
+    };
+    groups.iter().map(&mut made).collect()
 }
 
 /// The polygons reached from a seed over shared edges that lie in one plane with it, within [`FLAT`].
@@ -273,6 +284,6 @@ fn surface(points: &[DVec3], flats: &[Flat], materials: &[Material], group: &[u3
         extent,
         fineness: 0,
         polygons,
-        placement,
+        placement: placement.map(Box::new),
     }
 }

@@ -113,7 +113,7 @@ pub struct Surface {
     pub polygons: Vec<Polygon>,
     /// Where the image of its material lies on it; `None` without one, and where no texture
     /// coordinates say it: the image's mean stands for it there.
-    pub placement: Option<Placement>,
+    pub placement: Option<Box<Placement>>,
 }
 
 /// A simple planar polygon: at least three vertices, counter-clockwise about its surface's normal.

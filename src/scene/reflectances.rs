@@ -57,7 +57,7 @@ impl Reflectances {
                 let sums = Sums::new(image, channel);
                 for (id, texture, placement) in shown() {
                     let lattice = &texels.lattices[id.index()];
-                    let footprint = Footprint::new(image, &placement, lattice);
+                    let footprint = Footprint::new(image, placement, lattice);
                     let tint = f64::from(texture.tint.0[channel]);
                     let begin = begins[id.index()] as usize;
                     let own = &mut values[begin..begin + lattice.len()];
@@ -99,10 +99,10 @@ impl Reflectances {
 }
 
 /// The surfaces whose texels differ.
-fn textured(scene: &Scene) -> impl Iterator<Item = (SurfaceId, Texture, Placement)> {
-    scene
-        .surface_ids()
-        .filter_map(|id| Some((id, scene.material_of(id).texture?, scene.surface(id).placement?)))
+fn textured(scene: &Scene) -> impl Iterator<Item = (SurfaceId, Texture, &Placement)> {
+    scene.surface_ids().filter_map(|id| {
+        Some((id, scene.material_of(id).texture?, scene.surface(id).placement.as_deref()?))
+    })
 }
 
 /// Sums of one channel of an image over all pixels above and to the left.
@@ -247,7 +247,7 @@ mod tests {
         let mut textured = material("textured", 0.0, mean);
         textured.texture = Some(Texture { image: 0, tint, clamp: [clamp; 2] });
         let mut surface = quad(0, Vec3::splat(-0.5), Vec3::X, Vec3::Y);
-        surface.placement = Some(placement);
+        surface.placement = Some(Box::new(placement));
         let mut scene = scene_of(vec![surface], vec![textured]);
         scene.images = vec![image];
         let texels = Texels::new(&scene, edge);

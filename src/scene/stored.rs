@@ -63,7 +63,8 @@ fn write_images(scene: &Scene, w: &mut Writer) {
         w.u8(u8::from(clamp[0]) | u8::from(clamp[1]) << 1);
         tint.0.into_iter().for_each(|v| w.f32(v));
     }
-    let placed = || scene.surfaces.iter().zip(0..).filter_map(|(s, k)| Some((k, s.placement?)));
+    let placed =
+        || scene.surfaces.iter().zip(0..).filter_map(|(s, k)| Some((k, s.placement.as_deref()?)));
     w.u32(placed().count() as u32);
     for (surface, Placement { origin, along_u, along_v }) in placed() {
         w.u32(surface);
@@ -175,7 +176,7 @@ fn read_images(r: &mut Reader, scene: &mut Scene, limits: &Limits) -> Result<(),
         require(placement.is_sound(), "an image lies nowhere")?;
         let textured = scene.materials[surface.material.index()].texture.is_some();
         require(textured, "an image lies on a surface without one")?;
-        surface.placement = Some(placement);
+        surface.placement = Some(Box::new(placement));
     }
     Ok(())
 }

@@ -5,11 +5,14 @@ use crate::bake::{MOST_CYCLES, Progress};
 use crate::format::manifest::{Grids, Phase};
 use std::ops::Range;
 
-/// What a direction takes in all of them, in PSFs of the propagation.
-pub const PREPARING: f64 = 1.5;
+/// What a direction takes before the first cycle, in PSFs of the propagation.
+pub const PREPARING: f64 = 0.75;
 
 /// What a direction's total map takes, in PSFs of the propagation.
 const TOTALS: f64 = 2.0;
+
+/// What a PSF takes whose links were kept, in such that are rasterised whole.
+const AGAIN: f64 = 0.2;
 
 /// What a windowed PSF takes, in whole ones.
 const WINDOWED: f64 = 0.25;
@@ -17,8 +20,11 @@ const WINDOWED: f64 = 0.25;
 impl Bake<'_> {
     /// What some PSFs of a direction take in a cycle, in such that are rasterised whole.
     pub(super) fn work_of(&self, cycle: u32, grids: Range<u32>) -> f64 {
-        let own = f64::from(u32::from(grids.start == 0));
-        let turned = grids.len() as f64 - own;
+        let own = u32::from(grids.start == 0);
+        let turned = f64::from(grids.len() as u32 - own);
+        // The lines' own PSFs are those of the first cycle.
+        let is_again = cycle >= self.known_from;
+        let own = f64::from(own) * if is_again { AGAIN } else { 1.0 };
         let turned = turned * if self.few_senders(cycle).is_some() { WINDOWED } else { 1.0 };
         // Lines of later rounds are those of surfaces that lack some.
         let under_way = cycle == self.field.manifest().cycle && grids.start > 0;

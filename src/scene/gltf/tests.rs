@@ -264,7 +264,7 @@ fn images_lie_where_their_coordinates_and_transforms_say() {
         assert_eq!(again, scene);
         let surface = &scene.surfaces[1];
         let at = surface.coordinates(scene.fit.to_unit(at.into()));
-        let on = surface.placement.unwrap();
+        let on = surface.placement.as_deref().unwrap();
         on.origin + on.along_u * at.x + on.along_v * at.y
     };
     let near = |a: Vec2, b: [f32; 2]| {

@@ -44,7 +44,7 @@ const BESIDE: &str = "f 5/2 8/5 9/6 6/3\n";
 fn place(scene: &Scene, surface: usize, own: DVec3) -> Vec2 {
     let surface = &scene.surfaces[surface];
     let at = surface.coordinates(scene.fit.to_unit(own));
-    let Placement { origin, along_u, along_v } = surface.placement.unwrap();
+    let Placement { origin, along_u, along_v } = **surface.placement.as_ref().unwrap();
     origin + along_u * at.x + along_v * at.y
 }
 
