@@ -8,15 +8,15 @@ use assert_cmd::Command;
 use common::{Baked, obj, parameters, scene, stored};
 use std::fs;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use tempfile::TempDir;
-use vlf::bake::Options;
+use vlf::bake::{Options, bake};
 use vlf::field::Terms;
 use vlf::field::storage::disk::Disk;
 use vlf::format::container::Codec;
 use vlf::pack::{USUAL_ERROR, pack, pack_from};
 use vlf::plan::{Plan, plan};
-use vlf::{Parameters, Scene};
+use vlf::{Parameters, Scene, Transfer};
 
 fn planned(scene: &Scene, parameters: &Parameters, memory: u64) -> Plan {
     let options = Options {
@@ -90,12 +90,46 @@ fn bytes_on_disk_are_as_planned() {
     }
 }
 
-/// Without pages to read, more than the smallest grant is of no use.
+/// Fragments that a bake rasterises.
+fn rasterised(scene: &Scene, parameters: &Parameters, memory: u64) -> u64 {
+    let folder = TempDir::new().unwrap();
+    let fragments = AtomicU64::new(0);
+    let options = Options {
+        memory,
+        threads: 2,
+        stop: &AtomicBool::new(false),
+        progress: &|p| _ = fragments.fetch_max(p.profile.fragments, Ordering::Relaxed),
+        order: None,
+        commit_every: 1e9,
+        terms: Terms::default(),
+        force: false,
+    };
+    bake(scene, parameters, &folder.path().join("x.field"), &options).unwrap();
+    fragments.into_inner()
+}
+
+/// Without pages to read, memory is of use for what is known of the lines from cycle to cycle: with the useful
+/// grant none of it is found twice, with the smallest all of it is.
 #[test]
-fn where_no_maps_are_stored_the_smallest_grant_is_the_useful_one() {
-    let (scene, parameters) = (scene("cornell_mirror"), parameters(129, 32, 2));
+fn where_no_maps_are_stored_the_useful_grant_is_enough_to_find_all_links_once() {
+    let scene = scene("cornell_mirror");
+    for clip in [false, true] {
+        let transfer = if clip { Transfer::Clip } else { Transfer::Sample };
+        let parameters = Parameters { transfer, ..parameters(513, 32, 3) };
+        let plan = planned(&scene, &parameters, 1 << 30);
+        let of = |memory| rasterised(&scene, &parameters, memory);
+        let (least, useful, more) = (
+            of(plan.memory.smallest),
+            of(plan.memory.useful + plan.memory.useful / 50),
+            of(1 << 30),
+        );
+        assert_eq!(useful, more);
+        // One cycle and the total maps in the place of three and these.
+        assert_eq!(least, if clip { useful } else { 2 * useful });
+        assert_eq!(plan.memory.smallest == plan.memory.useful, clip);
+    }
+    let parameters = parameters(129, 32, 2);
     let plan = planned(&scene, &parameters, 1 << 30);
-    assert_eq!(plan.memory.smallest, plan.memory.useful);
     let how = common::How { memory: plan.memory.smallest, ..common::How::default() };
     let cache = Baked::with(&scene, &parameters, &how).manifest().statistics.cache;
     assert_eq!((cache.hits, cache.misses, cache.peak), (0, 0, 0));

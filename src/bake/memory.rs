@@ -264,9 +264,4 @@ impl Need {
     pub fn smallest(&self) -> u64 {
         self.fixed[0].max(self.fixed[1]) + self.least_pages
     }
-
-    /// The grant with which every page is read once.
-    pub fn useful(&self) -> u64 {
-        self.fixed[0].max(self.fixed[1]) + self.all_pages
-    }
 }

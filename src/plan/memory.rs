@@ -47,10 +47,10 @@ fn kept(shared: &Shared, cycles: u32) -> u64 {
     directions.ids().map(of).sum()
 }
 
-/// Bytes of links that a bake of so many cycles keeps, where it has so many to spare.
-pub fn links(shared: &Shared, sample: &Sample, cycles: u32, spare: u64) -> u64 {
+/// Bytes of links that a bake of so many cycles keeps, where there is room.
+pub fn links(shared: &Shared, sample: &Sample, cycles: u32) -> u64 {
     let all = || kept(shared, cycles) as f64 * sample.links;
-    if shared.is_linked() { (all() as u64).min(spare) } else { 0 }
+    if shared.is_linked() { all() as u64 } else { 0 }
 }
 
 /// Most bytes that the process will hold, with so many of pages and links.

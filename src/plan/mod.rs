@@ -165,9 +165,12 @@ pub fn plan(scene: &Scene, parameters: &Parameters, options: &Options) -> Result
     let held = all_pages.min(pages);
     let steps = rehearsal.steps(&shared, &sample, held);
     let disk = files.bytes(&steps, options.commit_every);
-    let links = memory::links(&shared, &sample, rehearsal.cycles(), need.spare(granted));
+    let all_links = memory::links(&shared, &sample, rehearsal.cycles());
+    let links = all_links.min(need.spare(granted));
     let peak = memory::peak(&shared, &sample, threads, (held, links));
-    let useful = need.smallest().max(need.fixed[0] + all_pages);
+    // Links that are being found take room beside those that are kept.
+    let finding = if all_links > 0 { need.links } else { 0 };
+    let useful = need.smallest().max(need.fixed[0] + all_pages) + finding + all_links;
     Ok(Plan {
         directions: parameters.directions,
         resolution: parameters.resolution,
