@@ -172,9 +172,7 @@ pub fn texture_bytes(values: u64, threads: u64, parameters: &Parameters) -> u64 
     let (shot, sums) = (32, 2 * 32);
     // Maps that are filtered more often are tried beside those chosen.
     let tried = if parameters.filter > 1 { 2 * 12 } else { 0 };
-    // While their errors are told: what is around each texel of a surface, and how light bends there.
-    let judged = (size_of::<[usize; 9]>() as u64 + 2 * 8) / 2;
-    let maps = 4 * 12 + 2 * 8 + tried.max(judged);
+    let maps = 4 * 12 + 2 * 8 + tried;
     let rounds = if parameters.target_error > 0.0 { 2 * sums } else { 0 };
     let while_shot = if rounds > 0 { rounds + maps } else { 0 };
     let each = (shot + sums * threads + while_shot).max(sums + rounds + maps);
