@@ -151,24 +151,26 @@ window.addEventListener("keyup", (event) => key(event, false));
 window.addEventListener("blur", () => happened("Blur"));
 window.addEventListener("resize", () => { if (wake) wake(); });
 
-let way = null;
+// Where the button went down, and whether the pointer has left that place since: then it drags.
+// Told by places: browsers report movements of the pointer from before the button as well.
+let press = null;
 canvas.addEventListener("pointerdown", (event) => {
   if (event.button !== 0 || locked()) return;
-  way = 0;
+  press = { x: event.clientX, y: event.clientY, drags: false };
   canvas.setPointerCapture(event.pointerId);
 });
 canvas.addEventListener("pointermove", (event) => {
   const { movementX: x, movementY: y } = event;
   if (locked()) {
     happened({ Look: [x, y] });
-  } else if (way !== null) {
-    way += Math.hypot(x, y);
-    if (way >= 4) happened({ Drag: [x, y] });
+  } else if (press) {
+    press.drags ||= Math.hypot(event.clientX - press.x, event.clientY - press.y) >= 4;
+    if (press.drags) happened({ Drag: [x, y] });
   }
 });
 canvas.addEventListener("pointerup", () => {
-  if (way !== null && way < 4) capture();
-  way = null;
+  if (press && !press.drags) capture();
+  press = null;
 });
 canvas.addEventListener("wheel", (event) => {
   event.preventDefault();
