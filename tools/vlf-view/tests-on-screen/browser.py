@@ -45,7 +45,7 @@ class Browser:
         self.call("Emulation.setDeviceMetricsOverride",
                   width=WIDTH, height=HEIGHT, deviceScaleFactor=1, mobile=False)
         # A page that nobody looks at would have no focus, and be refused the pointer.
-        self.call("Emulation.setFocusEmulationEnabled", enabled=True)
+        self.call("Page.bringToFront")
         self.call("Page.navigate", url=address)
 
     def call(self, method, **parameters):
@@ -163,18 +163,9 @@ def walk(browser, vlf, pack, work):
     dragged = compared("dragged")
     changed(walked, dragged, "dragging")
 
-    browser.mouse("mouseMoved", 160, 120, False)
-
-    def captured():
-        # Browsers may refuse one request for the pointer; as people do, the walk clicks again.
-        if browser.value(f"document.pointerLockElement === {canvas}"):
-            return True
-        browser.mouse("mousePressed", 160, 120, True)
-        browser.mouse("mouseReleased", 160, 120, False)
-        time.sleep(1.0)
-        return False
-
-    until(captured, "the captured mouse")
+    browser.mouse("mousePressed", 160, 120, True)
+    browser.mouse("mouseReleased", 160, 120, False)
+    until(lambda: browser.value(f"document.pointerLockElement === {canvas}"), "the captured mouse")
     for x in range(160, 240, 8):
         browser.mouse("mouseMoved", x, 130, False)
     browser.settled("the picture after looking around")
