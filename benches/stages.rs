@@ -10,10 +10,10 @@ use std::sync::atomic::AtomicBool;
 use tempfile::TempDir;
 use vlf::bake::layers::{Layers, Outlines};
 use vlf::bake::marks::Marks;
-use vlf::bake::step::{Cycle, FROM_OUTSIDE, Scratch, Shared, shoot};
+use vlf::bake::step::{Cycle, Scratch, Shared, shoot};
 use vlf::bake::totals::{self, Mirrors};
 use vlf::bake::transfer::clip::{Clip, Ground, Projection};
-use vlf::bake::transfer::{Fixed, Quantum, add};
+use vlf::bake::transfer::{self, Current, FROM_OUTSIDE, Quantum, Shot};
 use vlf::bake::{Options, emission, texels};
 use vlf::field::Terms;
 use vlf::field::storage::disk::Disk;
@@ -24,7 +24,7 @@ use vlf::pack::{PackReport, pack_from};
 use vlf::scene::texels::Texels;
 use vlf::{
     Camera, Cell, Codec, DirectionId, Directions, LightField, Parameters, Psf, Rgb, Scene,
-    SurfaceId, Visible, bundled,
+    SmallCell, SurfaceId, Visible, bundled,
 };
 
 fn main() {
@@ -166,12 +166,11 @@ fn rasterise(bencher: Bencher) {
 fn shoot_one_direction(bencher: Bencher) {
     let shared = OFFICE.shared();
     let shot = emission(&OFFICE.scene, &OFFICE.texels);
-    let fixed = shot.iter().map(|v| OFFICE.quantum.fixed(*v));
-    let current: Vec<Fixed> = fixed.chain([FROM_OUTSIDE]).collect();
+    let shots: Vec<Shot> = shot.into_iter().map(transfer::shot).chain([FROM_OUTSIDE]).collect();
     let marks = Marks::new(&OFFICE.texels);
     let cycle = Cycle {
         number: 0,
-        current: &current,
+        current: Current { shots: &shots, quantum: OFFICE.quantum },
         pages: None,
         paths: None,
         grids: 0..1,
@@ -189,8 +188,8 @@ fn shoot_one_direction(bencher: Bencher) {
 struct Facing {
     projections: [Projection; 2],
     surface_of: Vec<u32>,
-    current: Vec<Fixed>,
-    cells: Vec<Cell>,
+    shots: Vec<Shot>,
+    cells: Vec<SmallCell>,
     pairs: Vec<[u32; 2]>,
 }
 
@@ -217,21 +216,22 @@ impl Facing {
             };
             2 * (p.first + at(1).min(size[1] - 1) * size[0] + at(0).min(size[0] - 1))
         };
-        let cells: Vec<Cell> =
-            (0..CELLS * CELLS).map(|k| Cell { i: k % CELLS, j: k / CELLS }).collect();
-        let pair = |cell: &Cell| projections.each_ref().map(|p| value(p, *cell));
-        let pairs = cells.iter().map(pair).collect();
+        let cells = (0..CELLS * CELLS).map(|k| Cell { i: k % CELLS, j: k / CELLS });
+        let pair = |cell| projections.each_ref().map(|p| value(p, cell));
+        let pairs = cells.clone().map(pair).collect();
         let mut dice = Dice(1);
-        let light = |_| [(); 3].map(|()| ((dice.roll() + 1.0) * 2f32.powi(35)) as i64);
-        let fixed =
-            |[r, g, b]: [i64; 3]| [r, g, b, i64::from(vlf::bake::transfer::clip::overlap::WHOLE)];
+        let light = |_| transfer::shot(Rgb([(); 3].map(|()| dice.roll() + 1.0)));
         Facing {
             projections,
             surface_of: (0..2 * count).map(|texel| texel / count).collect(),
-            current: (0..4 * count as usize + 1).map(light).map(fixed).collect(),
-            cells,
+            shots: (0..4 * count as usize + 1).map(light).collect(),
+            cells: cells.map(SmallCell::from).collect(),
             pairs,
         }
+    }
+
+    fn current(&self) -> Current<'_> {
+        Current { shots: &self.shots, quantum: Quantum::new(2.0) }
     }
 }
 
@@ -240,11 +240,15 @@ impl Facing {
 fn transfer_clipped(bencher: Bencher, texel: f32) {
     let facing = Facing::new(texel);
     let marks = Marks::none(facing.surface_of.len());
-    let Facing { projections, surface_of, current, cells, pairs } = &facing;
+    let current = facing.current();
+    let Facing { projections, surface_of, cells, pairs, .. } = &facing;
     let ground = Ground { projections, surface_of, marks: &marks };
     let mut clip = Clip::default();
-    let mut sums = vec![[0; 4]; current.len()];
-    let ends = cells.iter().zip(pairs).flat_map(|(cell, ends)| ends.map(|value| (*cell, value)));
+    let mut sums = vec![[0; 4]; current.shots.len()];
+    let ends = cells
+        .iter()
+        .zip(pairs)
+        .flat_map(|(cell, ends)| ends.map(|value| (Cell::from(*cell), value)));
     let overlaps: usize = ends.map(|(cell, value)| clip.taps(cell, value, &ground).len()).sum();
     bencher.counter(ItemsCount::new(overlaps)).bench_local(|| {
         clip.exchange::<3, 1>((cells, black_box(pairs)), &ground, current, &mut sums)
@@ -254,13 +258,10 @@ fn transfer_clipped(bencher: Bencher, texel: f32) {
 /// The same by the texels under the cells' middles. Counts transfers, two a pair.
 #[divan::bench(args = [0.5, 1.0, 2.0])]
 fn transfer_sampled(bencher: Bencher, texel: f32) {
-    let Facing { current, pairs, .. } = Facing::new(texel);
-    let mut sums = vec![[0; 4]; current.len()];
-    bencher.counter(ItemsCount::new(2 * pairs.len())).bench_local(|| {
-        for [near, far] in black_box(&pairs).iter().map(|ends| ends.map(|v| v as usize)) {
-            add::<3, 1>(&mut sums[far], &current[near]);
-            add::<3, 1>(&mut sums[near], &current[far]);
-        }
+    let facing = Facing::new(texel);
+    let mut sums = vec![[0; 4]; facing.shots.len()];
+    bencher.counter(ItemsCount::new(2 * facing.pairs.len())).bench_local(|| {
+        transfer::exchange::<3, 1>(black_box(&facing.pairs), facing.current(), &mut sums)
     });
 }
 

@@ -121,3 +121,19 @@ pub struct Cell {
     /// Row, `0 <= j < N`.
     pub j: u32,
 }
+
+/// A cell in four bytes: no PSF has more than 65,535 columns or rows ([`crate::format::limits`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SmallCell([u16; 2]);
+
+impl From<Cell> for SmallCell {
+    fn from(Cell { i, j }: Cell) -> SmallCell {
+        SmallCell([i as u16, j as u16])
+    }
+}
+
+impl From<SmallCell> for Cell {
+    fn from(SmallCell([i, j]): SmallCell) -> Cell {
+        Cell { i: i.into(), j: j.into() }
+    }
+}

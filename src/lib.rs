@@ -98,7 +98,7 @@ pub use field::FieldError;
 pub use format::FormatError;
 pub use format::container::Codec;
 pub use format::manifest::{Parameters, Specular, Transfer};
-pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SurfaceId, TileId};
+pub use ids::{Cell, DirectionId, MaterialId, Sense, Side, SmallCell, SurfaceId, TileId};
 pub use look::image::Picture;
 pub use look::lightfield::{LightField, LookError};
 pub use look::render::method::{Method, take};

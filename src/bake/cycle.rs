@@ -21,9 +21,9 @@ use super::marks::Marks;
 use super::memory::Need;
 use super::profile::{Profile, Stage};
 use super::reach;
-use super::step::{Again, Cycle, FROM_OUTSIDE, Few, Made, Scratch, Shared, shoot};
+use super::step::{Again, Cycle, Few, Made, Scratch, Shared, shoot};
 use super::totals::{self, Mirrors};
-use super::transfer::{Fixed, Quantum};
+use super::transfer::{self, Current, FROM_OUTSIDE, Fixed, Quantum, Shot};
 use super::{BakeError, LEDGER_TOLERANCE, MOST_CYCLES, Options, Outcome, count_run};
 use crate::directions::Directions;
 use crate::field::pages::{Pages, Spare};
@@ -244,9 +244,9 @@ impl<'a> Bake<'a> {
     /// Goes on with the cycle under way, to its end and commit.
     fn cycle(&mut self) -> Result<Walk, BakeError> {
         let cycle = self.field.manifest().cycle;
-        let current: Vec<Fixed> = {
+        let shots: Vec<Shot> = {
             let shot = self.texture(ChunkKind::CurrentTexture)?;
-            let shot = shot.iter().map(|v| self.quantum.fixed(*v));
+            let shot = shot.into_iter().map(transfer::shot);
             shot.chain([FROM_OUTSIDE]).collect()
         };
         let mut tally = Tally::default();
@@ -275,7 +275,7 @@ impl<'a> Bake<'a> {
             let shared = self.shared();
             let what = Cycle {
                 number: cycle,
-                current: &current,
+                current: Current { shots: &shots, quantum: self.quantum },
                 pages: pages.as_ref(),
                 paths: self.paths().filter(|_| !stores_mirrors),
                 grids: self.round(cycle),
@@ -311,7 +311,7 @@ impl<'a> Bake<'a> {
                 return Ok(Walk::Stopped);
             }
         }
-        drop(current);
+        drop(shots);
         self.spare = pages.map(Pages::into_spare).unwrap_or_default();
         self.end_step(self.work_of(cycle, self.round(cycle)));
         let sums = workers

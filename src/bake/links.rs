@@ -4,7 +4,7 @@
 //! mirrors show. Out: the same in a later cycle, in which only the light is another (section 4.1: the
 //! exchange buffer depends on the rays alone). What is not kept is found again, to the same bits.
 
-use crate::ids::DirectionId;
+use crate::ids::{DirectionId, SmallCell};
 use crate::radiance::Rgb;
 use std::collections::HashMap;
 use std::mem::size_of_val;
@@ -20,6 +20,19 @@ pub struct Shown {
     pub carried: Rgb,
     /// The value that receives it: a texel's, a mirror's, or that of the space outside.
     pub to: u32,
+    /// The line's cell.
+    pub cell: SmallCell,
+}
+
+/// What a mirror sees along a line without another between.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Seen {
+    /// The value that it sees, or that of the space outside.
+    pub from: u32,
+    /// The mirror's value.
+    pub mirror: u32,
+    /// The line's cell.
+    pub cell: SmallCell,
 }
 
 /// What travels along the lines of a PSF.
@@ -27,8 +40,10 @@ pub struct Shown {
 pub struct Links {
     /// Diffuse values that look at each other.
     pub pairs: Vec<[u32; 2]>,
-    /// What a mirror sees without another between: the sender's value, and the mirror's.
-    pub onto_mirrors: Vec<[u32; 2]>,
+    /// The cell of each pair, where cells are clipped; otherwise none.
+    pub cells: Vec<SmallCell>,
+    /// What mirrors see.
+    pub seen: Vec<Seen>,
     /// What mirrors show.
     pub shown: Vec<Shown>,
     /// Fragments of the layers in which they were found.
@@ -39,14 +54,16 @@ impl Links {
     /// Forgets all, but keeps the memory.
     pub fn clear(&mut self) {
         self.pairs.clear();
-        self.onto_mirrors.clear();
+        self.cells.clear();
+        self.seen.clear();
         self.shown.clear();
     }
 
     /// Bytes of memory of a copy.
     fn bytes(&self) -> i64 {
         let lists = size_of_val(self.pairs.as_slice())
-            + size_of_val(self.onto_mirrors.as_slice())
+            + size_of_val(self.cells.as_slice())
+            + size_of_val(self.seen.as_slice())
             + size_of_val(self.shown.as_slice());
         lists as i64 + A_PSF
     }

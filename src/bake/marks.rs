@@ -45,6 +45,12 @@ impl Marks {
         self.0[value / 2] |= SEALED[value % 2];
     }
 
+    /// Whether light can come to a texture value, and no other surface cuts its texel.
+    #[inline]
+    pub fn is_whole(&self, value: usize) -> bool {
+        self.0[value / 2] & (SEALED[value % 2] | CUT) == 0
+    }
+
     /// Whether no light can come to a texture value.
     #[inline]
     pub fn is_sealed(&self, value: usize) -> bool {

@@ -169,7 +169,7 @@ fn corners(scene: &Scene) -> u64 {
 /// and when a cycle or a round of it ends the total and next maps of all lines and of half of them, and two
 /// areas; with rounds, the sums of surfaces that have lines enough, and both halves' taken to as many. A cycle that has ended holds the sums of one worker and nothing that is shot.
 pub fn texture_bytes(values: u64, threads: u64, parameters: &Parameters) -> u64 {
-    let (shot, sums) = (32, 2 * 32);
+    let (shot, sums) = (16, 2 * 32);
     // Maps that are filtered more often are tried beside those chosen.
     let tried = if parameters.filter > 1 { 2 * 12 } else { 0 };
     let maps = 4 * 12 + 2 * 8 + tried;

@@ -16,20 +16,21 @@ use super::perturb;
 use super::profile::{Stage, Watch};
 use super::transfer::clip::{Clip, Ground, Projection};
 use super::transfer::specular::MirrorSender;
-use super::transfer::{self, Fixed, LINE, Quantum};
+use super::transfer::{self, Current, Fixed, Quantum};
 use crate::directions::Directions;
 use crate::field::FieldError;
 use crate::field::pages::Pages;
 use crate::format::container::ChunkKind;
 use crate::format::manifest::{Grids, Parameters, Transfer};
 use crate::format::tiles::{CoveredCell, TileMapWriter};
-use crate::ids::{Cell, DirectionId, Sense, SurfaceId};
+use crate::ids::{Cell, DirectionId, Sense, SmallCell, SurfaceId};
 use crate::paths::Paths;
 use crate::psf::Psf;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
 use mirrored::keep_mirrors;
+use std::mem::take;
 use std::ops::Range;
 
 /// What all steps of a bake share.
@@ -56,11 +57,10 @@ impl Shared<'_> {
         (self.texels.diffuse as usize) < self.texels.len()
     }
 
-    /// Whether what travels along a line depends on single texture values alone, so that the links between these
-    /// may be kept.
+    /// Whether the links between texture values may be kept: not those of split cells, nor what maps of
+    /// mirrors show.
     pub fn is_linked(&self) -> bool {
-        let Parameters { transfer, supersample, .. } = *self.parameters;
-        transfer == Transfer::Sample && !supersample && !self.stores_mirrors()
+        !self.parameters.supersample && !self.stores_mirrors()
     }
 
     /// Whether the scene has mirrors whose maps are written while light is propagated.
@@ -83,9 +83,8 @@ pub struct Few<'a> {
 pub struct Cycle<'a> {
     /// Its number.
     pub number: u32,
-    /// Current texture maps in fixed point, two values a texel, and one value more: what comes from
-    /// outside the scene, see [`FROM_OUTSIDE`].
-    pub current: &'a [Fixed],
+    /// What texture values shoot.
+    pub current: Current<'a>,
     /// Unshot maps of mirrors; none in the first cycle and in scenes without mirrors.
     pub pages: Option<&'a Pages>,
     /// Where mirrors' light is found by following its path; `None`: in their unshot maps.
@@ -118,7 +117,7 @@ pub struct Again<'a> {
 impl Cycle<'_> {
     /// The value that stands for the space outside the scene.
     fn outside(&self) -> usize {
-        self.current.len() - 1
+        self.current.outside()
     }
 }
 
@@ -134,7 +133,7 @@ pub struct Scratch {
     used_senders: Vec<usize>,
     pairs: Vec<[u32; 2]>,
     /// For clipping: the cell of each pair, and where cells fall.
-    cells: Vec<Cell>,
+    cells: Vec<SmallCell>,
     projections: Vec<Projection>,
     clip: Clip,
     line: Vec<Fragment>,
@@ -174,9 +173,6 @@ pub struct Made {
 /// The gap before a line leaves the scene, in the fitted scene's units.
 const FAR: f32 = 1.0;
 
-/// Nothing comes along a line from outside the scene; but it counts as a line.
-pub const FROM_OUTSIDE: Fixed = [0, 0, 0, LINE];
-
 impl Scratch {
     /// Bytes for each mirror, apart from excerpts.
     pub const A_MIRROR: u64 = 2 * size_of::<Option<MirrorSender>>() as u64;
@@ -207,7 +203,7 @@ impl Scratch {
 
     /// Adds the flow of a PSF of so many fragments to the tally and lets go of its senders.
     fn settle(&mut self, fragments: u64, is_stored: bool) {
-        let flow = std::mem::take(&mut self.flow);
+        let flow = take(&mut self.flow);
         let sum = |lines: &Fixed| i128::from(channels(lines));
         self.tally.shot_diffuse += sum(&flow.shot);
         self.tally.shot_mirror += sum(&flow.shot_mirror);
@@ -251,6 +247,9 @@ pub fn shoot(
         let stores = number == 0 && stores_mirrors;
         let splits = shared.parameters.supersample && is_whole && !stores;
         let kept = cycle.kept.filter(|_| is_whole && shared.is_linked());
+        if line.clips() {
+            projections(shared.outlines, &psf, &mut scratch.projections);
+        }
         if let Some(links) = kept.and_then(|kept| kept.links.get(id, number)) {
             match double {
                 true => line.again::<2>(&links, scratch),
@@ -259,9 +258,6 @@ pub fn shoot(
             scratch.settle(links.fragments, false);
             scratch.watch.lap(Stage::Transfer);
             continue;
-        }
-        if line.clips() {
-            projections(shared.outlines, &psf, &mut scratch.projections);
         }
         if is_whole {
             scratch.layers.rasterise(shared.outlines, &psf);
@@ -279,7 +275,7 @@ pub fn shoot(
             (true, false) => Lines::Grid { splits },
         };
         let kept = kept.filter(|kept| kept.is_wanted(shared.directions, id, number));
-        scratch.links = kept.map(|_| std::mem::take(&mut scratch.spare_links));
+        scratch.links = kept.map(|_| take(&mut scratch.spare_links));
         // A ray of a split cell stands for a part of the cell.
         made = match (double, shared.parameters.supersample) {
             (true, false) => line.pass::<2>(what, scratch)?,
@@ -505,7 +501,7 @@ impl Line<'_> {
             put(last.value_along(), outside);
         }
         if self.clips() {
-            scratch.cells.resize(scratch.pairs.len(), cell);
+            scratch.cells.resize(scratch.pairs.len(), cell.into());
         }
         if has_mirrors {
             scratch.arrived.clear();
@@ -526,8 +522,7 @@ impl Line<'_> {
 
     /// Whether a texture value sends anything.
     fn is_lit(&self, value: usize) -> bool {
-        let [r, g, b, _] = self.cycle.current[value];
-        r | g | b != 0
+        !self.cycle.current.radiance(value).is_black()
     }
 
     /// Gives the fragments of a cell that lie in cut texels the texels that they belong to.
@@ -543,53 +538,63 @@ impl Line<'_> {
         }
     }
 
-    /// Texture map to texture map, for the pairs put down: each receives what the other shoots. Apart
-    /// from finding the pairs, so that the processor can wait for many texels at once.
+    /// Texture map to texture map, for the pairs put down. Apart from finding the pairs, so that the
+    /// processor can wait for many texels at once.
     fn transfer<const SHARES: i64, const COUNTS: i64>(&self, scratch: &mut Scratch) {
-        let Scratch { pairs, cells, sums, flow, tally, clip, projections, links, watch, .. } =
-            scratch;
-        watch.lap(Stage::Exchange);
-        watch.profile.pairs += pairs.len() as u64;
-        let sums = &mut sums[self.half];
-        let current = self.cycle.current;
-        if self.clips() {
-            let (ground, pairs) = (self.ground(projections), (cells.as_slice(), pairs.as_slice()));
-            let shot = clip.exchange::<SHARES, COUNTS>(pairs, &ground, current, sums);
-            transfer::add_to(&mut flow.shot, &shot);
-            watch.profile.touches += 2 * clip.tap_count() as u64;
-        } else {
-            watch.profile.touches += 4 * pairs.len() as u64;
-            let shot = transfer::exchange::<SHARES, COUNTS>(pairs, current, sums);
-            transfer::add_to(&mut flow.shot, &shot);
-        }
-        if let Some(links) = links {
-            links.pairs.extend_from_slice(pairs);
+        scratch.watch.lap(Stage::Exchange);
+        let (mut pairs, mut cells) = (take(&mut scratch.pairs), take(&mut scratch.cells));
+        self.trade::<SHARES, COUNTS>(&pairs, &cells, scratch);
+        if let Some(links) = &mut scratch.links {
+            links.pairs.extend_from_slice(&pairs);
+            links.cells.extend_from_slice(&cells);
         }
         pairs.clear();
         cells.clear();
+        (scratch.pairs, scratch.cells) = (pairs, cells);
+        scratch.watch.lap(Stage::Transfer);
+    }
+
+    /// Each of a pair receives what the other shoots. `cells` are those of the pairs where they are
+    /// clipped.
+    fn trade<const SHARES: i64, const COUNTS: i64>(
+        &self,
+        pairs: &[[u32; 2]],
+        cells: &[SmallCell],
+        scratch: &mut Scratch,
+    ) {
+        let Scratch { sums, flow, tally, clip, projections, watch, .. } = scratch;
+        let sums = &mut sums[self.half];
+        let current = self.cycle.current;
+        watch.profile.pairs += pairs.len() as u64;
+        let shot = if self.clips() {
+            let ground = self.ground(projections);
+            let shot = clip.exchange::<SHARES, COUNTS>((cells, pairs), &ground, current, sums);
+            watch.profile.touches += 2 * clip.tap_count() as u64;
+            shot
+        } else {
+            watch.profile.touches += 4 * pairs.len() as u64;
+            transfer::exchange::<SHARES, COUNTS>(pairs, current, sums)
+        };
+        transfer::add_to(&mut flow.shot, &shot);
         self.leave(sums, tally);
-        watch.lap(Stage::Transfer);
     }
 
     /// Takes what has left the scene into the tally: over a cycle it is more than one fixed number holds.
     fn leave(&self, sums: &mut [Fixed], tally: &mut Tally) {
-        let left = std::mem::take(&mut sums[self.cycle.outside()]);
+        let left = take(&mut sums[self.cycle.outside()]);
         tally.left += i128::from(channels(&left));
     }
 
     /// Passes light along all lines of a PSF whose links are known.
     fn again<const SHARES: i64>(&self, links: &Links, scratch: &mut Scratch) {
-        let current = self.cycle.current;
-        scratch.watch.profile.pairs += links.pairs.len() as u64;
-        scratch.watch.profile.touches += 4 * links.pairs.len() as u64;
-        for pairs in links.pairs.chunks(BLOCK * BLOCK) {
-            let Scratch { sums, flow, tally, .. } = scratch;
-            let sums = &mut sums[self.half];
-            transfer::add_to(
-                &mut flow.shot,
-                &transfer::exchange::<SHARES, 1>(pairs, current, sums),
-            );
-            self.leave(sums, tally);
+        if self.clips() {
+            for (pairs, cells) in links.pairs.chunks(BLOCK).zip(links.cells.chunks(BLOCK)) {
+                self.trade::<SHARES, 1>(pairs, cells, scratch);
+            }
+        } else {
+            for pairs in links.pairs.chunks(BLOCK * BLOCK) {
+                self.trade::<SHARES, 1>(pairs, &[], scratch);
+            }
         }
         self.mirrored_again::<SHARES>(links, scratch);
     }

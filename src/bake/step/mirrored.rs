@@ -2,10 +2,10 @@
 //!
 //! What a mirror sends is found at the end of its path, or between the maps of what has arrived at it.
 
-use super::{FAR, FROM_OUTSIDE, Few, Flow, Line, Scratch, Shared, is_open};
+use super::{FAR, Few, Flow, Line, Scratch, Shared, is_open};
 use crate::bake::layers::Fragment;
 use crate::bake::ledger::channels;
-use crate::bake::links::{Links, Shown};
+use crate::bake::links::{Links, Seen, Shown};
 use crate::bake::transfer::clip;
 use crate::bake::transfer::specular::MirrorSender;
 use crate::bake::transfer::{Fixed, add};
@@ -28,11 +28,12 @@ struct Sent {
 }
 
 impl Links {
-    /// Notes what was sent to a value.
-    fn note(&mut self, sent: &Sent, to: u32) {
-        match sent.carried {
-            Some(carried) => self.shown.push(Shown { from: sent.from, carried, to }),
-            None => self.onto_mirrors.push([sent.from, to]),
+    /// Notes what was sent to a value along the line of a cell.
+    fn note(&mut self, cell: Cell, &Sent { from, carried, .. }: &Sent, to: u32) {
+        let cell = cell.into();
+        match carried {
+            Some(carried) => self.shown.push(Shown { from, carried, to, cell }),
+            None => self.seen.push(Seen { from, mirror: to, cell }),
         }
     }
 }
@@ -67,8 +68,8 @@ impl Line<'_> {
             let along = self.sent::<SHARES, COUNTS>((cell, gap), near, Sense::Along, scratch);
             let against = self.sent::<SHARES, COUNTS>((cell, gap), far, Sense::Against, scratch);
             // What goes along arrives at the far one's side that faces against the direction.
-            self.received::<SHARES, COUNTS>(far, &along, Sense::Against, scratch);
-            self.received::<SHARES, COUNTS>(near, &against, Sense::Along, scratch);
+            self.received::<SHARES, COUNTS>((cell, far), &along, Sense::Against, scratch);
+            self.received::<SHARES, COUNTS>((cell, near), &against, Sense::Along, scratch);
         }
     }
 
@@ -82,14 +83,16 @@ impl Line<'_> {
     ) -> Sent {
         let outside = self.cycle.outside() as u32;
         let straight = |line, from| Sent { line, from, carried: None };
-        let Some((_, fragment)) = sender else { return straight(FROM_OUTSIDE, outside) };
+        let Some((_, fragment)) = sender else {
+            return straight(self.cycle.current.line(outside as usize), outside);
+        };
         if fragment.texel() < self.shared.texels.diffuse {
             let (value, current) = (fragment.value(sense), self.cycle.current);
             let line = if self.clips() {
                 let ground = self.ground(&scratch.projections);
                 clip::mean(scratch.clip.taps(cell, value as u32, &ground), current)
             } else {
-                current[value]
+                current.line(value)
             };
             add::<SHARES, COUNTS>(&mut scratch.flow.shot, &line);
             return straight(line, value as u32);
@@ -105,7 +108,7 @@ impl Line<'_> {
     /// Takes what arrives at a fragment, or leaves the scene.
     fn received<const SHARES: i64, const COUNTS: i64>(
         &self,
-        receiver: Option<(usize, Fragment)>,
+        (cell, receiver): (Cell, Option<(usize, Fragment)>),
         sent: &Sent,
         sense: Sense,
         scratch: &mut Scratch,
@@ -114,7 +117,7 @@ impl Line<'_> {
         let outside = self.cycle.outside();
         let to = receiver.map_or(outside, |(_, fragment)| fragment.value(sense));
         if let Some(links) = &mut scratch.links {
-            links.note(sent, to as u32);
+            links.note(cell, sent, to as u32);
         }
         match receiver {
             Some((_, f)) if f.texel() < self.shared.texels.diffuse && self.clips() => {
@@ -132,23 +135,31 @@ impl Line<'_> {
 
     /// The same as was found in an earlier cycle, with this one's light.
     pub(super) fn mirrored_again<const SHARES: i64>(&self, links: &Links, scratch: &mut Scratch) {
-        let (current, quantum) = (self.cycle.current, self.shared.quantum);
-        let Scratch { sums, flow, tally, .. } = scratch;
-        let sums = &mut sums[self.half];
-        for [from, mirror] in &links.onto_mirrors {
-            let line = &current[*from as usize];
-            if *from as usize != self.cycle.outside() {
-                add::<SHARES, 1>(&mut flow.shot, line);
+        let (current, quantum, outside) =
+            (self.cycle.current, self.shared.quantum, self.cycle.outside());
+        let Scratch { sums, flow, tally, clip, projections, .. } = scratch;
+        let (sums, ground) = (&mut sums[self.half], self.ground(projections));
+        for Seen { from, mirror, cell } in &links.seen {
+            let line = match self.clips() {
+                true => clip::mean(clip.taps((*cell).into(), *from, &ground), current),
+                false => current.line(*from as usize),
+            };
+            if *from as usize != outside {
+                add::<SHARES, 1>(&mut flow.shot, &line);
             }
-            self.arrive::<SHARES, 1>(mirror / 2, line, flow);
+            self.arrive::<SHARES, 1>(mirror / 2, &line, flow);
         }
-        for Shown { from, carried, to } in &links.shown {
-            let line = quantum.fixed(*carried * quantum.radiance(current[*from as usize]));
+        let mirrors = 2 * self.shared.texels.diffuse as usize..outside;
+        for Shown { from, carried, to, cell } in &links.shown {
+            let line = quantum.fixed(*carried * current.radiance(*from as usize));
             add::<SHARES, 1>(&mut flow.shot_mirror, &line);
-            let mirrors = 2 * self.shared.texels.diffuse as usize..self.cycle.outside();
-            match mirrors.contains(&(*to as usize)) {
-                true => self.arrive::<SHARES, 1>(to / 2, &line, flow),
-                false => add::<SHARES, 1>(&mut sums[*to as usize], &line),
+            match (mirrors.contains(&(*to as usize)), self.clips()) {
+                (true, _) => self.arrive::<SHARES, 1>(to / 2, &line, flow),
+                (false, true) => {
+                    let taps = clip.taps((*cell).into(), *to, &ground);
+                    clip::share_out::<SHARES, 1>(&line, taps, sums);
+                }
+                (false, false) => add::<SHARES, 1>(&mut sums[*to as usize], &line),
             }
         }
         tally.gathers += links.shown.len() as u64;
@@ -170,7 +181,8 @@ impl Line<'_> {
         let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
         let place = (surface, self.psf.unproject(x, y, fragment.depth()), gap);
         if self.few.is_some_and(|few| !self.may_send(&few, place, sense)) {
-            return Sent { line: FROM_OUTSIDE, from: outside, carried: Some(Rgb::BLACK) };
+            let line = self.cycle.current.line(outside as usize);
+            return Sent { line, from: outside, carried: Some(Rgb::BLACK) };
         }
         scratch.tally.gathers += 1;
         scratch.watch.profile.paths += 1;
@@ -181,7 +193,7 @@ impl Line<'_> {
             2 * outlines.homes.of(scene, texels, texel, end.point) + end.side.index() as u32
         };
         let from = path.end.map_or(outside, value);
-        let light = path.carried * quantum.radiance(self.cycle.current[from as usize]);
+        let light = path.carried * self.cycle.current.radiance(from as usize);
         let line = quantum.fixed(path.emitted + light);
         Sent { line, from, carried: Some(path.carried) }
     }
@@ -218,15 +230,16 @@ impl Line<'_> {
                 Ok(sender) => scratch.senders[slot] = Some(sender),
                 Err(error) => {
                     scratch.failure.get_or_insert(error);
-                    return FROM_OUTSIDE;
+                    return self.shared.quantum.fixed(Rgb::BLACK);
                 }
             }
             scratch.used_senders.push(slot);
         }
-        let Some(sender) = &scratch.senders[slot] else { return FROM_OUTSIDE };
         scratch.tally.gathers += 1;
         let (x, y) = (cell.i as f32 + 0.5, cell.j as f32 + 0.5);
-        let radiance = sender.radiance(self.psf.unproject(x, y, fragment.depth()));
+        let sender = scratch.senders[slot].as_ref();
+        let point = self.psf.unproject(x, y, fragment.depth());
+        let radiance = sender.and_then(|sender| sender.radiance(point));
         scratch.tally.holes += u64::from(radiance.is_none());
         self.shared.quantum.fixed(radiance.unwrap_or_default())
     }

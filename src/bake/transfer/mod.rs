@@ -14,6 +14,46 @@ use crate::radiance::Rgb;
 /// Radiance in fixed point, three channels; the fourth counts lines, in parts of [`LINE`].
 pub type Fixed = [i64; 4];
 
+/// What a texture value shoots along a line: radiance, W sr^-1 m^-2, and 1 for the line. Half as large as the
+/// fixed numbers that it is summed in, since most of a transfer's time goes to fetching it.
+pub type Shot = [f32; 4];
+
+/// Nothing comes along a line from outside the scene; but it counts as a line.
+pub const FROM_OUTSIDE: Shot = [0.0, 0.0, 0.0, 1.0];
+
+/// What radiance shoots.
+pub fn shot(Rgb([r, g, b]): Rgb) -> Shot {
+    [r, g, b, 1.0]
+}
+
+/// Current texture maps, two values a texel, and one value more: what comes from outside the scene.
+#[derive(Clone, Copy)]
+pub struct Current<'a> {
+    /// What the values shoot.
+    pub shots: &'a [Shot],
+    /// How it is counted.
+    pub quantum: Quantum,
+}
+
+impl Current<'_> {
+    /// What a value shoots along a line.
+    #[inline(always)]
+    pub fn line(&self, value: usize) -> Fixed {
+        self.quantum.line(&self.shots[value])
+    }
+
+    /// The radiance of a value.
+    pub fn radiance(&self, value: usize) -> Rgb {
+        let [r, g, b, _] = self.shots[value];
+        Rgb([r, g, b])
+    }
+
+    /// The value that stands for the space outside the scene.
+    pub fn outside(&self) -> usize {
+        self.shots.len() - 1
+    }
+}
+
 /// What a whole line counts, so that a texel can have part of one.
 pub const LINE: i64 = clip::overlap::WHOLE as i64;
 
@@ -28,17 +68,46 @@ pub struct Quantum {
     to_fixed: f64,
 }
 
+/// 2^52 + 2^51: added to a number of at most 2^51, leaves the nearest whole number in the low bits.
+const TO_BITS: f64 = 6_755_399_441_055_744.0;
+
+/// The most that a line is counted as.
+const MOST: f64 = 2_251_799_813_685_248.0;
+
+/// The nearest whole number, of one up to 2^51.
+#[inline(always)]
+fn whole(number: f64) -> i64 {
+    (number + TO_BITS).to_bits() as i64 - TO_BITS.to_bits() as i64
+}
+
 impl Quantum {
     /// Radiance up to `most` (W sr^-1 m^-2) becomes numbers up to 2^36: 2^26 lines a texel, each
     /// weighted by up to 3, stay below 2^63.
     pub fn new(most: f32) -> Quantum {
-        Quantum { to_fixed: 36f64.exp2() / f64::from(most).max(f64::MIN_POSITIVE) }
+        Quantum { to_fixed: 36f64.exp2() / f64::from(most.max(f32::MIN_POSITIVE)) }
     }
 
     /// Radiance along one line.
     pub fn fixed(self, radiance: Rgb) -> Fixed {
-        let [r, g, b] = radiance.0.map(|c| (f64::from(c) * self.to_fixed) as i64);
-        [r, g, b, LINE]
+        self.line(&shot(radiance))
+    }
+
+    /// What is shot along one line.
+    #[inline(always)]
+    pub fn line(self, shot: &Shot) -> Fixed {
+        let units = self.units();
+        let mut line = [0; 4];
+        for c in 0..4 {
+            let exact = f64::from(shot[c]) * units[c];
+            line[c] = whole(if exact < MOST { exact } else { MOST });
+        }
+        line
+    }
+
+    /// Fixed numbers for one of each number of a shot.
+    #[inline(always)]
+    fn units(self) -> [f64; 4] {
+        [self.to_fixed, self.to_fixed, self.to_fixed, LINE as f64]
     }
 
     /// The radiance that a fixed number stands for.
@@ -80,7 +149,7 @@ const AHEAD: usize = 16;
 /// other receives in `sums`. Returns what was shot in all.
 pub fn exchange<const SHARES: i64, const COUNTS: i64>(
     pairs: &[[u32; 2]],
-    current: &[Fixed],
+    current: Current,
     sums: &mut [Fixed],
 ) -> Fixed {
     let mut shot = [0; 4];
@@ -88,7 +157,7 @@ pub fn exchange<const SHARES: i64, const COUNTS: i64>(
     for block in pairs.chunks(AHEAD) {
         for (sent, ends) in sent.iter_mut().zip(block) {
             let [near, far] = ends.map(|value| value as usize);
-            *sent = [&current[near], &current[far]].map(times::<SHARES, COUNTS>);
+            *sent = [near, far].map(|value| times::<SHARES, COUNTS>(&current.line(value)));
         }
         for ([along, against], ends) in sent.iter().zip(block) {
             let [near, far] = ends.map(|value| value as usize);

@@ -6,14 +6,14 @@
 //! same weights, and so is the count of lines. Who sees whom is still decided along the middle ray.
 //!
 //! Shares are whole numbers that sum up to what came: no unit of energy is lost or made. Numbers up to
-//! 2^52 are exact in f64, which processors multiply in vectors where they do not multiply i64.
+//! 2^51 are exact in f64, which processors multiply in vectors where they do not multiply i64.
 
 pub mod overlap;
 
 use self::overlap::{Cells, WHOLE, Windows};
-use super::Fixed;
-use crate::bake::marks::{self, Marks};
-use crate::ids::Cell;
+use super::{Current, Fixed, whole};
+use crate::bake::marks::Marks;
+use crate::ids::{Cell, SmallCell};
 use crate::level::level;
 use fearless_simd::{Level, dispatch};
 
@@ -60,7 +60,7 @@ impl Ground<'_> {
     /// is sealed, nor if it is cut, for then it lies behind the cut as likely as not.
     #[inline(always)]
     fn joins(&self, value: u32) -> bool {
-        !self.marks.is_sealed(value as usize) && self.marks.of(value / 2) & marks::CUT == 0
+        self.marks.is_whole(value as usize)
     }
 }
 
@@ -79,7 +79,7 @@ pub struct Clip {
     cells: Cells<LANES>,
     windows: Windows<LANES>,
     alone: (Cells<1>, Windows<1>),
-    taps: Vec<Tap>,
+    taps: Taps,
     /// Ends of pairs in the order in which they are clipped.
     order: Vec<u32>,
     /// Where the taps of each end stand.
@@ -106,7 +106,7 @@ impl Clip {
             cells: Cells::default(),
             windows: Windows::default(),
             alone: (Cells::default(), Windows::default()),
-            taps: Vec::new(),
+            taps: Taps::default(),
             order: Vec::new(),
             ends: Vec::new(),
         }
@@ -117,9 +117,9 @@ impl Clip {
     /// Returns what was shot, counted as often.
     pub fn exchange<const SHARES: i64, const COUNTS: i64>(
         &mut self,
-        (cells, pairs): (&[Cell], &[[u32; 2]]),
+        (cells, pairs): (&[SmallCell], &[[u32; 2]]),
         ground: &Ground,
-        current: &[Fixed],
+        current: Current,
         sums: &mut [Fixed],
     ) -> Fixed {
         let (level, pairs) = (self.level, (cells, pairs));
@@ -128,22 +128,23 @@ impl Clip {
 
     /// Texels under the ends of the pairs that were exchanged last.
     pub fn tap_count(&self) -> usize {
-        self.taps.len()
+        self.taps.count
     }
 
     #[inline(always)]
     fn exchange_all<const SHARES: i64, const COUNTS: i64>(
         &mut self,
-        (cells, pairs): (&[Cell], &[[u32; 2]]),
+        (cells, pairs): (&[SmallCell], &[[u32; 2]]),
         ground: &Ground,
-        current: &[Fixed],
+        current: Current,
         sums: &mut [Fixed],
     ) -> Fixed {
         self.sort(pairs, ground);
         self.taps_of((cells, pairs), ground);
         let mut shot = [0; 4];
         for ends in self.ends.chunks_exact(2) {
-            let [near, far] = [0, 1].map(|k| &self.taps[ends[k].0 as usize..ends[k].1 as usize]);
+            let [near, far] =
+                [0, 1].map(|k| &self.taps.found()[ends[k].0 as usize..ends[k].1 as usize]);
             let (along, against) = (mean(near, current), mean(far, current));
             share_out::<SHARES, COUNTS>(&along, far, sums);
             share_out::<SHARES, COUNTS>(&against, near, sums);
@@ -176,40 +177,40 @@ impl Clip {
 
     /// Finds the taps of the ends of pairs.
     #[inline(always)]
-    fn taps_of(&mut self, (cells, pairs): (&[Cell], &[[u32; 2]]), ground: &Ground) {
-        self.taps.clear();
+    fn taps_of(&mut self, (cells, pairs): (&[SmallCell], &[[u32; 2]]), ground: &Ground) {
+        self.taps.count = 0;
         self.ends.resize(2 * pairs.len(), (0, 0));
         for ends in self.order.chunks(LANES) {
             let value = |end: u32| pairs[end as usize / 2][end as usize % 2];
             for (lane, end) in ends.iter().enumerate() {
                 if let Some(projection) = ground.projection(value(*end)) {
-                    self.cells.set(lane, projection.place(cells[*end as usize / 2]));
+                    self.cells.set(lane, projection.place(cells[*end as usize / 2].into()));
                 }
             }
             self.windows.clip(&self.cells);
             for (lane, end) in ends.iter().enumerate() {
-                let from = self.taps.len() as u32;
+                let from = self.taps.count as u32;
                 gather(&self.windows, lane, value(*end), ground, &mut self.taps);
-                self.ends[*end as usize] = (from, self.taps.len() as u32);
+                self.ends[*end as usize] = (from, self.taps.count as u32);
             }
         }
     }
 
     /// The taps that were found last.
     pub fn last_taps(&self) -> &[Tap] {
-        &self.taps
+        self.taps.found()
     }
 
-    /// The taps of one cell around a texture value, the one of largest weight first.
+    /// The taps of one cell around a texture value.
     pub fn taps(&mut self, cell: Cell, value: u32, ground: &Ground) -> &[Tap] {
-        self.taps.clear();
+        self.taps.count = 0;
         let (cells, windows) = &mut self.alone;
         if let Some(projection) = ground.projection(value) {
             cells.set(0, projection.place(cell));
             windows.clip(cells);
         }
         gather(windows, 0, value, ground, &mut self.taps);
-        &self.taps
+        self.taps.found()
     }
 }
 
@@ -235,63 +236,91 @@ impl Projection {
     }
 }
 
-/// Appends the taps of one lane's window, the largest first. The texel of the middle ray stands in for
-/// those through which nothing may come or go.
+/// Appends the taps of one lane's window. The texel of the middle ray stands in for those through which
+/// nothing may come or go.
 #[inline(always)]
 fn gather<const N: usize>(
     windows: &Windows<N>,
     lane: usize,
     value: u32,
     ground: &Ground,
-    taps: &mut Vec<Tap>,
+    taps: &mut Taps,
 ) {
     let Some(projection) = ground.projection(value) else {
-        return taps.push(Tap { value, weight: WHOLE });
+        taps.room(1)[0] = Tap { value, weight: WHOLE };
+        taps.count += 1;
+        return;
     };
     let [columns, rows] = windows.size;
     let [left, below] = [windows.first[0][lane], windows.first[1][lane]];
-    let weights = windows.weights();
-    let largest = windows.largest[lane] as usize;
-    let side = value & 1;
-    let tap = |row: usize, column: usize, weight: u32| {
-        let texel = (below + row as i32) * projection.size[0] as i32 + left + column as i32;
-        let at = 2 * (projection.first as i32 + texel) as u32 + side;
-        Tap { value: if ground.joins(at) { at } else { value }, weight }
-    };
-    taps.push(tap(largest / columns, largest % columns, weights[largest][lane]));
-    for row in 0..rows {
-        for column in 0..columns {
-            let at = row * columns + column;
-            let weight = weights[at][lane];
-            if weight > 0 && at != largest {
-                taps.push(tap(row, column, weight));
-            }
+    let room = taps.room(columns * rows);
+    let mut count = 0;
+    // Texels outside the lattice have no weight, whatever value is written for them.
+    let width = projection.size[0] as i32;
+    let first = projection.first as i32 + below * width + left;
+    let mut at = 2 * first + (value & 1) as i32;
+    for row in windows.weights().chunks_exact(columns) {
+        for (column, weights) in row.iter().enumerate() {
+            let weight = weights[lane];
+            // Written always, and kept if it has weight: which ones have is hard to foretell.
+            room[count] = Tap { value: at as u32 + 2 * column as u32, weight };
+            count += usize::from(weight > 0);
         }
+        at += 2 * width;
     }
+    for tap in &mut room[..count] {
+        tap.value = if ground.joins(tap.value) { tap.value } else { value };
+    }
+    taps.count += count;
 }
 
-/// 2^52 + 2^51: added to a number of at most 2^51, leaves the nearest whole number in the low bits.
-const TO_BITS: f64 = 6_755_399_441_055_744.0;
+/// Taps of many cells, in memory that only grows.
+#[derive(Default)]
+struct Taps {
+    all: Vec<Tap>,
+    count: usize,
+}
+
+impl Taps {
+    /// Those that were found.
+    #[inline(always)]
+    fn found(&self) -> &[Tap] {
+        &self.all[..self.count]
+    }
+
+    /// Room for more behind those found.
+    #[inline(always)]
+    fn room(&mut self, more: usize) -> &mut [Tap] {
+        if self.all.len() < self.count + more {
+            self.all.resize(2 * (self.count + more), Tap { value: 0, weight: 0 });
+        }
+        &mut self.all[self.count..self.count + more]
+    }
+}
 
 /// One part of [`WHOLE`].
 const PART: f64 = 1.0 / WHOLE as f64;
 
 /// The mean of what taps shoot.
 #[inline(always)]
-pub fn mean(taps: &[Tap], current: &[Fixed]) -> Fixed {
+pub fn mean(taps: &[Tap], current: Current) -> Fixed {
     let mut sum = [0.0; 4];
     for tap in taps {
-        let (value, weight) = (&current[tap.value as usize], f64::from(tap.weight));
+        let (shot, weight) = (&current.shots[tap.value as usize], f64::from(tap.weight));
         for c in 0..4 {
-            let exact = f64::from_bits(value[c] as u64 | TO_BITS.to_bits()) - TO_BITS;
-            sum[c] += exact * weight;
+            sum[c] += f64::from(shot[c]) * weight;
         }
     }
-    sum.map(|s| whole(s * PART))
+    let units = current.quantum.units();
+    let mut line = [0; 4];
+    for c in 0..4 {
+        line[c] = whole(sum[c] * units[c] * PART);
+    }
+    line
 }
 
 /// Shares a line's radiance out, `SHARES` times, and its count `COUNTS` times that. What rounding leaves
-/// over goes to the first tap, the largest.
+/// over goes to the first tap.
 #[inline(always)]
 pub fn share_out<const SHARES: i64, const COUNTS: i64>(
     line: &Fixed,
@@ -315,12 +344,6 @@ pub fn share_out<const SHARES: i64, const COUNTS: i64>(
     for c in 0..4 {
         sum[c] += rest[c];
     }
-}
-
-/// The nearest whole number, of one up to 2^51.
-#[inline(always)]
-fn whole(number: f64) -> i64 {
-    (number + TO_BITS).to_bits() as i64 - TO_BITS.to_bits() as i64
 }
 
 #[cfg(test)]

@@ -1,4 +1,6 @@
 use super::*;
+use crate::bake::transfer::{FROM_OUTSIDE, Quantum, Shot, shot};
+use crate::radiance::Rgb;
 use glam::DVec2;
 use proptest::prelude::*;
 
@@ -121,7 +123,6 @@ proptest! {
     ) {
         let sum: u32 = weights.iter().sum();
         let mut taps: Vec<Tap> = (0..).zip(&weights).map(|(value, w)| Tap { value, weight: w * WHOLE / sum }).collect();
-        taps.sort_by_key(|t| std::cmp::Reverse(t.weight));
         taps[0].weight += WHOLE - taps.iter().map(|t| t.weight).sum::<u32>();
         let line = [line[0] >> dim, line[1] >> dim, line[2], i64::from(WHOLE)];
         let mut sums = vec![[0; 4]; weights.len()];
@@ -134,8 +135,9 @@ proptest! {
             prop_assert_eq!(sums[tap.value as usize][3], 3 * i64::from(tap.weight));
         }
         // Where all texels shoot the same, so does the cell.
-        let current = vec![line; weights.len()];
-        prop_assert_eq!(mean(&taps, &current), line);
+        let shots = vec![shot(Rgb([0, 1, 2].map(|c| line[c] as f32))); weights.len()];
+        let current = Current { shots: &shots, quantum: Quantum::new(36f32.exp2()) };
+        prop_assert_eq!(mean(&taps, current), current.line(0));
     }
 }
 
@@ -144,8 +146,8 @@ struct Facing {
     projections: [Projection; 2],
     surface_of: Vec<u32>,
     marks: Marks,
-    current: Vec<Fixed>,
-    cells: Vec<Cell>,
+    shots: Vec<Shot>,
+    cells: Vec<SmallCell>,
     pairs: Vec<[u32; 2]>,
 }
 
@@ -162,10 +164,9 @@ impl Facing {
             size: [EDGE; 2],
         };
         let values = 4 * texels as usize;
-        let light = |v: usize| ((v as u64 * 2_654_435_761) % (1 << 32)) as i64;
-        let mut current: Vec<Fixed> =
-            (0..values).map(|v| [light(v), light(v + 1), light(v + 2), i64::from(WHOLE)]).collect();
-        current.push([0, 0, 0, i64::from(WHOLE)]);
+        let light = |v: usize| ((v as u64 * 2_654_435_761) % (1 << 24)) as f32;
+        let light = |v: usize| shot(Rgb([light(v), light(v + 1), light(v + 2)]));
+        let shots = (0..values).map(light).chain([FROM_OUTSIDE]).collect();
         let projections =
             [lattice(0, [0.9, 0.3], [-0.4, 1.1]), lattice(texels, [-0.2, 0.8], [1.4, 0.5])];
         let (mut cells, mut pairs) = (Vec::new(), Vec::new());
@@ -178,11 +179,15 @@ impl Facing {
                 2 * (p.first + inside(y) * EDGE + inside(x)) + at as u32
             };
             let far = if k % 7 == 0 { values as u32 } else { value(1) };
-            cells.push(cell);
+            cells.push(cell.into());
             pairs.push([value(0), far]);
         }
         let surface_of = (0..2 * texels).map(|t| t / texels).collect();
-        Facing { projections, surface_of, marks: Marks::none(values / 2), current, cells, pairs }
+        Facing { projections, surface_of, marks: Marks::none(values / 2), shots, cells, pairs }
+    }
+
+    fn current(&self) -> Current<'_> {
+        Current { shots: &self.shots, quantum: Quantum::new(2f32.powi(24)) }
     }
 
     fn exchange(&self, level: Level) -> (Fixed, Vec<Fixed>) {
@@ -191,10 +196,10 @@ impl Facing {
             surface_of: &self.surface_of,
             marks: &self.marks,
         };
-        let mut sums = vec![[0; 4]; self.current.len()];
+        let mut sums = vec![[0; 4]; self.shots.len()];
         let mut clip = Clip::new(level);
-        let shot =
-            clip.exchange::<2, 1>((&self.cells, &self.pairs), &ground, &self.current, &mut sums);
+        let (pairs, current) = ((self.cells.as_slice(), self.pairs.as_slice()), self.current());
+        let shot = clip.exchange::<2, 1>(pairs, &ground, current, &mut sums);
         (shot, sums)
     }
 }
@@ -218,11 +223,11 @@ fn a_cell_alone_has_the_taps_it_has_among_others() {
         marks: &facing.marks,
     };
     let mut clip = Clip::default();
-    let mut sums = vec![[0; 4]; facing.current.len()];
+    let mut sums = vec![[0; 4]; facing.shots.len()];
     for (cell, pair) in facing.cells.iter().zip(&facing.pairs) {
-        let [near, far] = pair.map(|value| clip.taps(*cell, value, &ground).to_vec());
-        share_out::<2, 1>(&mean(&near, &facing.current), &far, &mut sums);
-        share_out::<2, 1>(&mean(&far, &facing.current), &near, &mut sums);
+        let [near, far] = pair.map(|value| clip.taps((*cell).into(), value, &ground).to_vec());
+        share_out::<2, 1>(&mean(&near, facing.current()), &far, &mut sums);
+        share_out::<2, 1>(&mean(&far, facing.current()), &near, &mut sums);
     }
     assert!(sums == facing.exchange(Level::new()).1);
 }
