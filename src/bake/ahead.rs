@@ -10,6 +10,7 @@ use crate::gather::{Around, mirrored};
 use crate::ids::{DirectionId, Sense, Side};
 use crossbeam::channel::{Receiver, Sender, bounded};
 use std::convert::Infallible;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::{slice, thread};
 
@@ -72,17 +73,28 @@ impl Wanted<'_> {
 /// A direction that a reader has begun with, and what ends once its pages are there.
 type Begun = (u32, Receiver<Infallible>);
 
-/// Directions in the order asked for, each handed out once its pages have been read if there was room.
-pub struct Queue(Receiver<Begun>);
+/// Directions in the order asked for.
+pub enum Queue<'a> {
+    /// Each is handed out once its pages have been read, if there was room.
+    Read(Receiver<Begun>),
+    /// Nothing has to be read for them: those from a place on, until it is enough.
+    Plain(&'a [u32], AtomicUsize, &'a (dyn Fn() -> bool + Sync)),
+}
 
-impl Iterator for &Queue {
+impl Iterator for &Queue<'_> {
     type Item = u32;
 
     fn next(&mut self) -> Option<u32> {
-        let (direction, read) = self.0.recv().ok()?;
-        // Nothing is ever sent: the reader lets go of the other end.
-        let _ = read.recv();
-        Some(direction)
+        match self {
+            Queue::Read(begun) => {
+                let (direction, read) = begun.recv().ok()?;
+                // Nothing is ever sent: the reader lets go of the other end.
+                let _ = read.recv();
+                Some(direction)
+            }
+            Queue::Plain(_, _, enough) if enough() => None,
+            Queue::Plain(todo, next, _) => todo.get(next.fetch_add(1, Ordering::Relaxed)).copied(),
+        }
     }
 }
 
@@ -97,6 +109,9 @@ pub fn ahead<T>(
     enough: impl Fn() -> bool + Sync,
     work: impl FnOnce(&Queue) -> Result<T, FieldError>,
 ) -> Result<T, FieldError> {
+    if wanted.pages.is_none() {
+        return work(&Queue::Plain(todo, AtomicUsize::new(0), &enough));
+    }
     let (sender, receiver) = bounded(AHEAD * workers);
     // Held while a direction is put into the queue, so that two readers keep their order.
     let left = Arc::new(Mutex::new((todo.iter(), sender)));
@@ -106,7 +121,7 @@ pub fn ahead<T>(
         let (reading, read) = bounded(0);
         (!enough() && left.1.send((direction, read)).is_ok()).then_some((direction, reading))
     };
-    let (begin, queue) = (&begin, Queue(receiver));
+    let (begin, queue) = (&begin, Queue::Read(receiver));
     thread::scope(move |scope| {
         // The last of them takes the sender with it, which ends the queue.
         for left in vec![left; READERS] {

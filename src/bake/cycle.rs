@@ -40,7 +40,7 @@ use crate::scene::areas::areas;
 use crate::scene::reflectances::Reflectances;
 use crate::scene::texels::Texels;
 use crate::visible::Visible;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use supplied::Supplied;
@@ -85,6 +85,12 @@ pub struct Bake<'a> {
 /// Senders are few when they have less than this part of all area.
 const FEW: f64 = 0.25;
 
+/// Of what must be free on a disk, how many times as much is plenty.
+const PLENTY: u64 = 64;
+
+/// Milliseconds for which a disk with plenty of room is not asked again.
+const PAUSE: u64 = 20;
+
 /// What the lines of a cycle have brought.
 struct Brought {
     /// Next Texture Maps, of all lines.
@@ -120,13 +126,13 @@ impl<'a> Bake<'a> {
             .map_err(|e| BakeError::Parameter(format!("--threads: {e}")))?;
         let has_mirrors = scene.materials.iter().any(|m| m.reflectance.is_mirror());
         let follows = has_mirrors && !field.manifest().parameters.totals_from_store();
-        let outlines = Outlines::new(scene, texels);
+        let outlines = pool.install(|| Outlines::new(scene, texels));
         let mut bake = Bake {
             visible: follows.then(|| Visible::new(scene)),
             scene,
             texels,
             directions,
-            areas: home_areas(scene, texels, &outlines),
+            areas: pool.install(|| home_areas(scene, texels, &outlines)),
             reflectances: pool.install(|| Reflectances::new(scene, texels)),
             outlines,
             parameters: field.manifest().parameters.clone(),
@@ -210,7 +216,8 @@ impl<'a> Bake<'a> {
         let half = self.texture(ChunkKind::HalfTexture)?;
         let areas: Vec<f64> = self.areas.iter().flat_map(|a| [f64::from(*a); 2]).collect();
         let maps = Totals { all: &total, half: &half };
-        Ok(Some(by_surface(self.scene, self.texels, &areas, maps)))
+        let by_surface = || by_surface(self.scene, self.texels, &areas, maps);
+        Ok(Some(self.pool.install(by_surface)))
     }
 
     fn shared(&self) -> Shared<'_> {
@@ -251,9 +258,8 @@ impl<'a> Bake<'a> {
         };
         let mut tally = Tally::default();
         // The first worker's sums are the bake's own; the others' are added to them.
-        let workers: Vec<Mutex<Scratch>> = (0..self.options.threads.max(1))
-            .map(|_| Mutex::new(Scratch::new(self.texels)))
-            .collect();
+        let workers: Vec<Mutex<Scratch>> =
+            self.pool.broadcast(|_| Mutex::new(Scratch::new(self.texels)));
         if self.field.manifest().has_sums {
             (tally, self.supplied) = self.read_sums(&mut lock(&workers[0]).sums)?;
         }
@@ -389,9 +395,16 @@ impl<'a> Bake<'a> {
         step: impl Fn(u32, usize) -> Result<Maps, FieldError> + Sync,
     ) -> Result<(Vec<u32>, Walk), FieldError> {
         let manifest = self.field.manifest();
-        let room = || {
-            let step = usize::from(manifest.phase != Phase::Propagating);
-            self.field.check_room(self.need.room[step])
+        let needed = self.need.room[usize::from(manifest.phase != Phase::Propagating)];
+        let (began, asked_again) = (Instant::now(), AtomicU64::new(0));
+        let room = || -> Result<(), FieldError> {
+            let now = began.elapsed().as_millis() as u64;
+            if now >= asked_again.load(Ordering::Relaxed) {
+                let free = self.field.check_room(needed)?;
+                let pause = if free / PLENTY > needed { PAUSE } else { 0 };
+                asked_again.store(now + pause, Ordering::Relaxed);
+            }
+            Ok(())
         };
         room()?;
         let curve = || self.directions.curve().iter().map(|id| id.0).collect();

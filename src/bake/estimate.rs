@@ -17,6 +17,7 @@ use crate::ids::SurfaceId;
 use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::{Lattice, Texels};
+use rayon::prelude::*;
 
 /// What part of the mean square of the halves' disagreement is error. All of it if they were independent;
 /// a third if each were a lattice and the error fell as the number of lines; measured is a half.
@@ -149,8 +150,10 @@ pub fn by_surface(scene: &Scene, texels: &Texels, areas: &[f64], maps: Totals) -
     }
     let epsilon = EPSILON * (light / area).powi(2);
     let mut surfaces: Vec<Errors> = Vec::new();
-    for (surface, sheet) in sides() {
-        let [area, noise, washed_out] = sheet.errors(areas, maps, epsilon);
+    let sides: Vec<(SurfaceId, Sheet)> = sides().collect();
+    let errors = sides.par_iter().map(|(_, sheet)| sheet.errors(areas, maps, epsilon));
+    for ((surface, sheet), errors) in sides.iter().zip(errors.collect::<Vec<_>>()) {
+        let ([area, noise, washed_out], surface) = (errors, *surface);
         let texels = sheet.values().count() as u32;
         match surfaces.last_mut().filter(|s| s.surface == surface) {
             Some(s) => {

@@ -7,6 +7,7 @@ use crate::scene::Scene;
 use crate::scene::cuts::REACH;
 use crate::scene::texels::{Lattice, Texels};
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 /// Parts along a texel's edge.
 const PARTS: u32 = 8;
@@ -20,6 +21,9 @@ const ROUNDING: f32 = 1e-3;
 /// Columns, and rows, of the texels that a point may belong to.
 const WIDE: i32 = 2 * REACH + 1;
 
+/// Cut texels whose pieces are looked at before their areas are moved.
+const AT_ONCE: usize = 1024;
+
 /// Points by which the areas of a texel's pieces are found.
 const SAMPLES: u32 = 256;
 
@@ -28,30 +32,28 @@ const SAMPLES: u32 = 256;
 pub struct Homes(Vec<u8>);
 
 impl Homes {
-    /// Of a scene.
-    pub fn new(scene: &Scene, texels: &Texels) -> Homes {
+    /// Of a scene's texels.
+    pub fn new(texels: &Texels) -> Homes {
         let cuts = &texels.cuts;
-        let mut homes = Vec::with_capacity(cuts.len() * (PARTS * PARTS) as usize);
-        for id in scene.surface_ids() {
-            let lattice = &texels.lattices[id.index()];
-            let all = lattice.first..lattice.first + lattice.width * lattice.height;
-            for texel in all.filter(|t| cuts.is_cut(*t)) {
-                let corner = place(lattice, texel).as_vec2();
-                for part in 0..PARTS * PARTS {
-                    let inside = glam::UVec2::new(part % PARTS, part / PARTS).as_vec2() + 0.5;
-                    let middle = corner + inside / PARTS as f32;
-                    let half = 0.5 / PARTS as f32 + ROUNDING;
-                    homes.push(if cuts.divide(texel, middle, half) {
-                        DIVIDED
-                    } else {
-                        let home = cuts.home(lattice, texel, middle);
-                        let away = place(lattice, home) - place(lattice, texel) + REACH;
-                        (away.y * WIDE + away.x) as u8
-                    });
-                }
+        let home = |lattice: &Lattice, texel: u32, part: u32| {
+            let inside = glam::UVec2::new(part % PARTS, part / PARTS).as_vec2() + 0.5;
+            let middle = place(lattice, texel).as_vec2() + inside / PARTS as f32;
+            if cuts.divide(texel, middle, 0.5 / PARTS as f32 + ROUNDING) {
+                return DIVIDED;
             }
-        }
-        Homes(homes)
+            let home = cuts.home(lattice, texel, middle);
+            let away = place(lattice, home) - place(lattice, texel) + REACH;
+            (away.y * WIDE + away.x) as u8
+        };
+        let of_surface = |lattice: &Lattice| -> Vec<u8> {
+            let all = lattice.first..lattice.first + lattice.width * lattice.height;
+            let cut = all.filter(|t| cuts.is_cut(*t));
+            cut.flat_map(|t| (0..PARTS * PARTS).map(move |part| (t, part)))
+                .map(|(texel, part)| home(lattice, texel, part))
+                .collect()
+        };
+        let homes: Vec<Vec<u8>> = texels.lattices.par_iter().map(of_surface).collect();
+        Homes(homes.concat())
     }
 
     /// Bytes of memory that they take.
@@ -83,17 +85,23 @@ impl Homes {
     /// Moves the areas of texels' pieces, one number a texel, to the texels that they belong to.
     pub fn move_areas(&self, texels: &Texels, areas: &mut [f32]) {
         let before = areas.to_vec();
-        for texel in (0..texels.diffuse).filter(|t| texels.cuts.is_cut(*t)) {
-            let lattice = &texels.lattices[texels.surface_of[texel as usize] as usize];
-            let corner = place(lattice, texel).as_vec2();
+        let homes_of = |texel: &u32| -> Vec<u32> {
+            let lattice = &texels.lattices[texels.surface_of[*texel as usize] as usize];
+            let corner = place(lattice, *texel).as_vec2();
             let points = (0..SAMPLES).map(|k| corner + sample(k));
-            let covered: Vec<Vec2> =
-                points.filter(|p| texels.cuts.covers(lattice, texel, *p)).collect();
-            let part = before[texel as usize] / covered.len() as f32;
-            for point in covered {
-                let home = self.in_lattice(texels, lattice, texel, point);
-                areas[texel as usize] -= part;
-                areas[home as usize] += part;
+            let covered = points.filter(|p| texels.cuts.covers(lattice, *texel, *p));
+            covered.map(|point| self.in_lattice(texels, lattice, *texel, point)).collect()
+        };
+        let cut: Vec<u32> = (0..texels.diffuse).filter(|t| texels.cuts.is_cut(*t)).collect();
+        for some in cut.chunks(AT_ONCE) {
+            let homes: Vec<Vec<u32>> = some.par_iter().map(homes_of).collect();
+            // One after the other, so that the sums have the same bits with any number of threads.
+            for (texel, homes) in some.iter().zip(homes) {
+                let part = before[*texel as usize] / homes.len() as f32;
+                for home in homes {
+                    areas[*texel as usize] -= part;
+                    areas[home as usize] += part;
+                }
             }
         }
         // What rounding leaves of a texel that has given everything away.
@@ -132,7 +140,7 @@ mod tests {
         for at in [0.375f32, 0.4, 0.4375, 0.45, 0.49] {
             let scene = halves(at);
             let texels = Texels::new(&scene, 0.125);
-            let homes = Homes::new(&scene, &texels);
+            let homes = Homes::new(&texels);
             let mut areas = areas(&scene, &texels);
             homes.move_areas(&texels, &mut areas);
             let lattice = &texels.lattices[0];
@@ -154,7 +162,7 @@ mod tests {
         let at = 0.43;
         let scene = halves(at);
         let texels = Texels::new(&scene, 0.125);
-        let homes = Homes::new(&scene, &texels);
+        let homes = Homes::new(&texels);
         let (surface, lattice) = (&scene.surfaces[0], &texels.lattices[0]);
         for k in 0..4000 {
             let p = sample(k);

@@ -126,7 +126,7 @@ impl Outlines {
             polygons: Vec::new(),
             vertices: Vec::new(),
             borders: Vec::new(),
-            homes: Homes::new(scene, texels),
+            homes: Homes::new(texels),
             contacts: Contacts::new(scene),
         };
         let distance = |s: &Surface| s.normal.dot(s.origin);

@@ -30,6 +30,7 @@ use crate::radiance::Rgb;
 use crate::scene::Scene;
 use crate::scene::texels::Texels;
 use mirrored::keep_mirrors;
+use std::hint::black_box;
 use std::mem::take;
 use std::ops::Range;
 
@@ -170,6 +171,15 @@ pub struct Made {
     pub arrived: Vec<u8>,
 }
 
+/// So many sums of nothing, in memory that has been written to. Where a page is first read and then written to,
+/// the system maps it twice, and stops all other threads for that.
+fn written(count: usize) -> Vec<Fixed> {
+    const A_PAGE: usize = 4096 / size_of::<Fixed>();
+    let mut sums = vec![[0; 4]; count];
+    sums.iter_mut().step_by(A_PAGE).for_each(|sum| sum[0] = black_box(0));
+    sums
+}
+
 /// The gap before a line leaves the scene, in the fitted scene's units.
 const FAR: f32 = 1.0;
 
@@ -182,7 +192,7 @@ impl Scratch {
         let mirrors = texels.len() - texels.diffuse as usize;
         Scratch {
             layers: Layers::default(),
-            sums: [0, 1].map(|_| vec![[0; 4]; 2 * texels.len() + 1]),
+            sums: [0, 1].map(|_| written(2 * texels.len() + 1)),
             pairs: Vec::new(),
             cells: Vec::new(),
             projections: Vec::new(),

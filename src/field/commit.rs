@@ -70,13 +70,16 @@ impl Field {
         Ok(())
     }
 
-    /// Makes sure that the disk has room for so many bytes, where that can be known. A write that is not
+    /// Makes sure that the disk has room for so many bytes, where that can be known; returns how many it has. A write that is not
     /// begun leaves the field as it is, and what was done can still be committed.
     ///
     /// # Errors
     /// [`FieldError::Full`] when it has not.
-    pub fn check_room(&self, bytes: u64) -> Result<(), FieldError> {
-        let Some(free) = self.storage.free().filter(|free| *free < bytes) else { return Ok(()) };
+    pub fn check_room(&self, bytes: u64) -> Result<u64, FieldError> {
+        let free = self.storage.free().unwrap_or(u64::MAX);
+        if free >= bytes {
+            return Ok(free);
+        }
         let [free, bytes] = [free, bytes].map(|b| bytesize::ByteSize::b(b).display().iec());
         let why = format!("{free} free, {bytes} kept for what is under way and its commit");
         Err(FieldError::Full {

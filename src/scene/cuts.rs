@@ -263,6 +263,11 @@ impl Cuts {
 
     /// Whether light may be carried over from one texel of a lattice to a neighbour.
     pub fn are_joined(&self, lattice: &Lattice, a: u32, b: u32) -> bool {
+        // Beside or below each other, and neither is cut.
+        let side_by_side = [1, lattice.width].contains(&a.abs_diff(b));
+        if side_by_side && !self.is_near(a.min(b)) {
+            return true;
+        }
         !self.is_crossed(lattice, self.site(lattice, a), self.site(lattice, b))
     }
 

@@ -142,7 +142,8 @@ impl Bake<'_> {
     }
 
     pub(super) fn errors_of(&self, open: &[f64], all: &[Rgb], half: &[Rgb]) -> Vec<Errors> {
-        by_surface(self.scene, self.texels, open, Totals { all, half })
+        let maps = Totals { all, half };
+        self.pool.install(|| by_surface(self.scene, self.texels, open, maps))
     }
 
     /// The sums of half of the lines of a cycle and of all, every surface's of as many grids.
