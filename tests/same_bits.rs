@@ -39,6 +39,8 @@ fn threads_order_and_memory_change_no_bit() {
     for (way, parameters) in both_ways(&parameters) {
         changes_no_bit(way, &scene, &parameters);
     }
+    let clipped = Parameters { transfer: Transfer::Clip, ..parameters };
+    changes_no_bit("clipped", &scene, &clipped);
 }
 
 fn changes_no_bit(way: &str, scene: &Scene, parameters: &Parameters) {
